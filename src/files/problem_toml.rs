@@ -1,0 +1,323 @@
+//! `problem.toml`.
+
+use super::section::{Document, Section};
+use crate::camera::{Brown, Camera, Lens};
+use crate::problem::{GroundKnowledge, Known, PoseSigma};
+use crate::tables::Findings;
+use crate::terrain::Terrain;
+use nalgebra::Vector2;
+
+/// Name of the file.
+pub const FILE: &str = "problem.toml";
+
+/// What the file says.
+#[derive(Debug)]
+pub struct Settings {
+    pub name: String,
+    pub camera: Camera,
+    pub vehicle_px: f64,
+    pub target_px: f64,
+    pub camera_pose_sigma: PoseSigma,
+    pub vehicle_pose_sigma: PoseSigma,
+    pub ground: Option<GroundKnowledge>,
+    pub vehicles: Vec<VehicleSettings>,
+    /// Files that it names.
+    pub files: Vec<String>,
+    /// What it asks for that this version does not compute.
+    pub not_supported: Vec<String>,
+}
+
+/// One `[[vehicle]]`.
+#[derive(Debug)]
+pub struct VehicleSettings {
+    pub id: String,
+    /// The marker and the line where it stands.
+    pub marker: Option<(String, u64)>,
+    pub height: Option<Known>,
+}
+
+/// Names of the keys of `[camera]` for each lens model.
+const BROWN_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
+const FISHEYE_KEYS: [&str; 4] = ["k1", "k2", "k3", "k4"];
+
+/// Reads the settings; `None` where they are too wrong to go on, and always with findings then.
+pub fn parse(text: &str) -> (Option<Settings>, Findings) {
+    let mut not_supported = Vec::new();
+    let (settings, findings) = Document::new(FILE, text).read(|top| read(top, &mut not_supported));
+    let settings = settings.flatten().map(|settings| Settings { not_supported, ..settings });
+    (settings, findings)
+}
+
+fn read(top: &Section, not_supported: &mut Vec<String>) -> Option<Settings> {
+    let format = top.required("format", "1", || top.integer("format"));
+    if format.is_some_and(|format| format != 1) {
+        top.error("format", "1");
+    }
+    let name = top.required("name", "a text", || top.text("name"));
+    let camera = top.required("camera", "a table [camera]", || {
+        top.table("camera", |camera| read_camera(camera, not_supported)).flatten()
+    });
+    let noise = top.table("noise", read_noise).unwrap_or_else(|| Noise {
+        vehicle_px: 1.0,
+        target_px: 1.0,
+        camera: pose_sigma(None, None, 1.0),
+        vehicle: pose_sigma(None, None, 0.5),
+    });
+    let mut files = Vec::new();
+    let ground = top.table("terrain", |terrain| read_terrain(terrain, &mut files, not_supported)).flatten();
+    let mut vehicles: Vec<VehicleSettings> = Vec::new();
+    let found = top.tables("vehicle", |section| {
+        let vehicle = read_vehicle(section)?;
+        if vehicles.iter().any(|other| other.id == vehicle.id) {
+            section.error("id", "an id that no other vehicle has");
+        }
+        vehicles.push(vehicle);
+        Some(())
+    });
+    if found.is_empty() {
+        top.error("vehicle", "at least one table [[vehicle]]");
+    }
+    Some(Settings {
+        name: name?,
+        camera: camera?,
+        vehicle_px: noise.vehicle_px,
+        target_px: noise.target_px,
+        camera_pose_sigma: noise.camera,
+        vehicle_pose_sigma: noise.vehicle,
+        ground,
+        vehicles,
+        files,
+        not_supported: Vec::new(),
+    })
+}
+
+fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Camera> {
+    let size = |key| camera.required(key, "a size above 0", || {
+        let whole = "a whole number above 0";
+        camera.number(key, whole, |v| v > 0.0 && v.fract() == 0.0 && v <= f64::from(u32::MAX)).map(|v| v as u32)
+    });
+    let positive = |key| camera.required(key, "a focal length above 0", || camera.positive(key));
+    let number = |key| camera.required(key, "a finite number", || camera.any_number(key));
+    let size_px = (size("width"), size("height"));
+    let focal = (positive("fx"), positive("fy"));
+    let principal = (number("cx"), number("cy"));
+    let model = camera.text("model");
+    let coefficients = |keys: &[&'static str]| -> Vec<f64> {
+        keys.iter().map(|key| camera.any_number(key).unwrap_or(0.0)).collect()
+    };
+    let lens = match model.as_deref() {
+        Some("pinhole") => {
+            for key in BROWN_KEYS.into_iter().chain(["k4"]) {
+                if camera.any_number(key).is_some_and(|value| value != 0.0) {
+                    camera.warn(key, "has no effect: the model is \"pinhole\"");
+                }
+            }
+            Lens::Pinhole
+        }
+        Some("brown") | None => {
+            let brown: [f64; 5] = coefficients(&BROWN_KEYS).try_into().expect("five keys");
+            if brown == [0.0; 5] { Lens::Pinhole } else { Lens::Brown(Brown::new(brown)) }
+        }
+        Some("fisheye") => {
+            coefficients(&FISHEYE_KEYS);
+            not_supported.push("the lens model \"fisheye\"".to_owned());
+            Lens::Pinhole
+        }
+        Some(_) => {
+            camera.error("model", "\"pinhole\", \"brown\" or \"fisheye\"");
+            Lens::Pinhole
+        }
+    };
+    let readout = camera.any_number("readout_s").unwrap_or(0.0);
+    let readout_sigma = camera.not_negative("readout_sigma_s").unwrap_or(0.0);
+    if readout != 0.0 || readout_sigma != 0.0 {
+        not_supported.push("a rolling shutter (camera.readout_s, camera.readout_sigma_s)".to_owned());
+    }
+    if camera.has("refine") {
+        not_supported.push("self-calibration ([camera.refine])".to_owned());
+    }
+    Some(Camera {
+        size_px: [size_px.0?, size_px.1?],
+        focal_px: Vector2::new(focal.0?, focal.1?),
+        principal_px: Vector2::new(principal.0?, principal.1?),
+        lens,
+    })
+}
+
+struct Noise {
+    vehicle_px: f64,
+    target_px: f64,
+    camera: PoseSigma,
+    vehicle: PoseSigma,
+}
+
+fn read_noise(noise: &Section) -> Noise {
+    let pixels = |key| noise.not_negative(key).unwrap_or(1.0);
+    Noise {
+        vehicle_px: pixels("vehicle_px"),
+        target_px: pixels("target_px"),
+        camera: pose_sigma(
+            noise.not_negative("camera_position_m"),
+            noise.not_negative("camera_rotation_deg"),
+            1.0,
+        ),
+        vehicle: pose_sigma(
+            noise.not_negative("vehicle_position_m"),
+            noise.not_negative("vehicle_rotation_deg"),
+            0.5,
+        ),
+    }
+}
+
+/// `tilt_share`: what share of the standard deviation about z goes for those about x and y.
+fn pose_sigma(position_m: Option<f64>, rotation_deg: Option<f64>, tilt_share: f64) -> PoseSigma {
+    let about = |share: f64| rotation_deg.map(|deg| (share * deg).to_radians());
+    PoseSigma { position_m, rotation_rad: [about(tilt_share), about(tilt_share), about(1.0)] }
+}
+
+fn read_terrain(terrain: &Section, files: &mut Vec<String>, not_supported: &mut Vec<String>) -> Option<GroundKnowledge> {
+    let plane_z = terrain.any_number("plane_z");
+    let grid = terrain.text("grid");
+    let sigma_m = terrain.not_negative("sigma_m").unwrap_or(0.02);
+    let correlation_s = terrain.not_negative("correlation_s").unwrap_or(1.0);
+    let bias_sigma_m = terrain.not_negative("bias_sigma_m").unwrap_or(0.0);
+    let tilt_sigma_rad = terrain.not_negative("tilt_sigma_deg").unwrap_or(3.0).to_radians();
+    if terrain.has("plane_z") == terrain.has("grid") {
+        terrain.error("plane_z", "one of plane_z and grid");
+    }
+    if let Some(file) = grid {
+        files.push(file);
+        not_supported.push("a terrain grid (terrain.grid)".to_owned());
+    }
+    Some(GroundKnowledge {
+        terrain: Terrain::Plane { z_m: plane_z? },
+        sigma_m,
+        correlation_s,
+        bias_sigma_m,
+        tilt_sigma_rad,
+    })
+}
+
+fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
+    let id = vehicle.required("id", "a text", || vehicle.text("id"));
+    // The id becomes part of a file's name.
+    let unfit = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
+    if id.as_ref().is_some_and(|id| id.contains(unfit) || id.starts_with('.')) {
+        vehicle.error("id", "an id that can be part of a file name");
+    }
+    let marker = vehicle.text("marker").map(|id| (id, vehicle.line("marker")));
+    let height_m = vehicle.positive("height_m");
+    let sigma_m = vehicle.not_negative("height_sigma_m").unwrap_or(0.1);
+    if vehicle.has("height_sigma_m") && !vehicle.has("height_m") {
+        vehicle.warn("height_sigma_m", "has no effect without height_m");
+    }
+    Some(VehicleSettings {
+        id: id?,
+        marker,
+        height: height_m.map(|value_m| Known { value_m, sigma_m }),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WHOLE: &str = r#"
+format = 1
+name = "x"
+[camera]
+model = "brown"
+width = 3840
+height = 2160
+fx = 2680
+fy = 2681.5
+cx = 1920.0
+cy = 1080.0
+k1 = -0.011
+[noise]
+vehicle_px = 3.0
+vehicle_position_m = 0.0
+vehicle_rotation_deg = 2.0
+[terrain]
+plane_z = 1.0
+[[vehicle]]
+id = "car1"
+marker = "m"
+height_m = 1.5
+[[vehicle]]
+id = "car2"
+"#;
+
+    fn errors(text: &str) -> Vec<String> {
+        parse(text).1.errors().map(|finding| finding.to_string()).collect()
+    }
+
+    #[test]
+    fn a_whole_file_is_read_with_its_defaults() {
+        let (settings, findings) = parse(WHOLE);
+        assert_eq!(findings, Findings::default());
+        let settings = settings.unwrap();
+        assert_eq!(settings.camera.focal_px, Vector2::new(2680.0, 2681.5));
+        assert!(matches!(settings.camera.lens, Lens::Brown(_)));
+        assert_eq!((settings.vehicle_px, settings.target_px), (3.0, 1.0));
+        assert!(settings.camera_pose_sigma.is_unknown());
+        let half = Some(1_f64.to_radians());
+        assert_eq!(settings.vehicle_pose_sigma.rotation_rad, [half, half, Some(2_f64.to_radians())]);
+        assert_eq!(settings.vehicle_pose_sigma.position_m, Some(0.0));
+        let ground = settings.ground.unwrap();
+        assert_eq!((ground.sigma_m, ground.correlation_s, ground.bias_sigma_m), (0.02, 1.0, 0.0));
+        assert_eq!(settings.vehicles[0].height, Some(Known { value_m: 1.5, sigma_m: 0.1 }));
+        assert_eq!(settings.vehicles[1].id, "car2");
+        assert!(settings.not_supported.is_empty());
+    }
+
+    #[test]
+    fn every_wrong_value_is_found_in_one_go() {
+        let text = WHOLE
+            .replace("format = 1", "format = 2")
+            .replace("fx = 2680", "fx = -2680")
+            .replace("width = 3840", "width = \"wide\"")
+            .replace("vehicle_px = 3.0", "vehicle_px = -3.0")
+            .replace("cy = 1080.0\n", "")
+            .replace("id = \"car2\"", "id = \"car1\"");
+        let wanted = [
+            "problem.toml:2: column format: expected 1, found \"2\"",
+            "problem.toml:6: column camera.width: expected a whole number above 0, found \"\\\"wide\\\"\"",
+            "problem.toml:8: column camera.fx: expected a finite number above 0, found \"-2680\"",
+            "problem.toml:4: column camera.cy: expected a finite number, found \"nothing\"",
+            "problem.toml:13: column noise.vehicle_px: expected a finite number of at least 0, found \"-3.0\"",
+            "problem.toml:23: column vehicle.id: expected an id that no other vehicle has, found \"\\\"car1\\\"\"",
+        ];
+        assert_eq!(errors(&text), wanted);
+    }
+
+    #[test]
+    fn what_is_not_toml_is_shown_by_its_line() {
+        let found = errors(&WHOLE.replace("fx = 2680", "fx 2680"));
+        assert!(found[0].starts_with("problem.toml:8: expected valid TOML"), "{found:?}");
+    }
+
+    #[test]
+    fn unknown_keys_are_warned_of() {
+        let (_, findings) = parse(&WHOLE.replace("plane_z = 1.0", "plane_z = 1.0\nplain_z = 2.0"));
+        assert_eq!(findings.warnings(), ["problem.toml:19: terrain.plain_z is not known and was not read"]);
+    }
+
+    #[test]
+    fn what_is_not_computed_yet_is_named() {
+        let text = WHOLE
+            .replace("\"brown\"", "\"fisheye\"")
+            .replace("k1 = -0.011", "k1 = 0.1\nreadout_s = 0.02")
+            .replace("plane_z = 1.0", "grid = \"terrain.asc\"");
+        let settings = parse(&text).0.unwrap();
+        assert_eq!(settings.not_supported.len(), 3, "{:?}", settings.not_supported);
+        assert_eq!(settings.files, ["terrain.asc"]);
+    }
+
+    #[test]
+    fn a_vehicle_cannot_lead_a_file_astray() {
+        for id in ["../car", "a/b", ".hidden", "a\\tb"] {
+            assert_eq!(errors(&WHOLE.replace("car2", id)).len(), 1, "{id}");
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! The rows of every table, problem and result. A field is named as its column.
+//!
+//! Units: metres, seconds, pixels; degrees where a name ends in `_deg`. Poses are `world_from_body`,
+//! quaternions scalar first. `docs/formats.md` says the rest.
+
+use crate::tables::{Sigma, input_row};
+use serde::Serialize;
+
+input_row!(
+    /// `frames.csv`.
+    FrameRow { required frame: i64, required time_s: f64 }
+);
+
+input_row!(
+    /// `camera_poses.csv`.
+    CameraPoseRow {
+        required frame: i64,
+        required x: f64, required y: f64, required z: f64,
+        required qw: f64, required qx: f64, required qy: f64, required qz: f64,
+    }
+);
+
+input_row!(
+    /// `vehicle_poses.csv`.
+    VehiclePoseRow {
+        required frame: i64, required vehicle: String,
+        required x: f64, required y: f64, required z: f64,
+        required qw: f64, required qx: f64, required qy: f64, required qz: f64,
+    }
+);
+
+input_row!(
+    /// `targets.csv`: points of the static world in its frame.
+    TargetRow {
+        required target: String,
+        required x: Option<f64>, required y: Option<f64>, required z: Option<f64>,
+        required sigma_x: Sigma, required sigma_y: Sigma, required sigma_z: Sigma,
+        optional role: Option<String>,
+    }
+);
+
+input_row!(
+    /// `target_observations.csv`.
+    TargetObservationRow {
+        required frame: i64, required target: String,
+        required u: f64, required v: f64,
+        optional sigma_px: Sigma,
+    }
+);
+
+input_row!(
+    /// `vehicle_observations.csv`.
+    VehicleObservationRow {
+        required frame: i64, required vehicle: String, required point: String,
+        required u: f64, required v: f64,
+        optional sigma_px: Sigma,
+    }
+);
+
+input_row!(
+    /// `vehicle_points.csv` of a problem: what is known beforehand of a point in the vehicle frame.
+    KnownPointRow {
+        required vehicle: String, required point: String,
+        required x: Option<f64>, required y: Option<f64>, required z: Option<f64>,
+        required sigma_x: Sigma, required sigma_y: Sigma, required sigma_z: Sigma,
+    }
+);
+
+input_row!(
+    /// `observations/gnss.csv`: measured positions to adjust to.
+    GnssObservationRow {
+        required vehicle: String, required point: String, required time_s: f64,
+        required x: f64, required y: f64, required z: f64,
+        required sigma_x: Sigma, required sigma_y: Sigma, required sigma_z: Sigma,
+    }
+);
+
+/// The columns of a result table.
+pub trait ResultRow: Serialize {
+    /// Their names.
+    const HEADER: &'static [&'static str];
+}
+
+/// Declares a struct for the rows of a result table.
+macro_rules! result_row {
+    ($(#[$doc:meta])* $name:ident { $($column:ident: $type:ty),* $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        pub struct $name {
+            $(
+                #[doc = concat!("Column `", stringify!($column), "`.")]
+                pub $column: $type,
+            )*
+        }
+
+        impl ResultRow for $name {
+            const HEADER: &'static [&'static str] = &[$(stringify!($column)),*];
+        }
+    };
+}
+
+result_row!(
+    /// `camera_poses.csv`. A sigma is empty where it was not computed.
+    CameraPoseResult {
+        frame: i64,
+        x: f64, y: f64, z: f64, qw: f64, qx: f64, qy: f64, qz: f64,
+        sigma_x: Option<f64>, sigma_y: Option<f64>, sigma_z: Option<f64>,
+        sigma_roll_deg: Option<f64>, sigma_pitch_deg: Option<f64>, sigma_yaw_deg: Option<f64>,
+    }
+);
+
+result_row!(
+    /// `vehicle_poses.csv`.
+    VehiclePoseResult {
+        frame: i64, vehicle: String,
+        x: f64, y: f64, z: f64, qw: f64, qx: f64, qy: f64, qz: f64,
+        sigma_x: Option<f64>, sigma_y: Option<f64>, sigma_z: Option<f64>,
+        sigma_roll_deg: Option<f64>, sigma_pitch_deg: Option<f64>, sigma_yaw_deg: Option<f64>,
+    }
+);
+
+result_row!(
+    /// `vehicle_points.csv`. A point that is not determined has no coordinates.
+    VehiclePointResult {
+        vehicle: String, point: String,
+        x: Option<f64>, y: Option<f64>, z: Option<f64>,
+        sigma_x: Option<f64>, sigma_y: Option<f64>, sigma_z: Option<f64>,
+        observations: usize, inliers: usize, rms_px: Option<f64>,
+    }
+);
+
+result_row!(
+    /// `trajectories.csv`.
+    TrajectoryResult {
+        vehicle: String, frame: i64, time_s: f64,
+        x: f64, y: f64, z: f64, speed_mps: Option<f64>, heading_deg: f64,
+        sigma_x: Option<f64>, sigma_y: Option<f64>, sigma_z: Option<f64>, cov_xy: Option<f64>,
+        sigma_speed_mps: Option<f64>, sigma_heading_deg: Option<f64>,
+    }
+);
+
+result_row!(
+    /// `residuals.csv`: observed minus computed; weight 1 counts in full, 0 not at all.
+    ResidualResult {
+        frame: i64, kind: &'static str, vehicle: String, point: String,
+        du: f64, dv: f64, weight: f64,
+    }
+);

@@ -1,0 +1,188 @@
+//! The first estimate: poses as they are given, shapes by direct linear transformation.
+
+pub mod dlt;
+pub mod robust_dlt;
+
+use crate::estimate::{Estimate, VehicleEstimate};
+use crate::geometry::Pose;
+use crate::nlls::loss::LossName;
+use crate::problem::{Problem, Role, Vehicle};
+use dlt::{LinearPoint, Sighting};
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+/// Fewest points that give a vehicle a pose in every frame.
+const LEAST_POINTS: usize = 3;
+
+/// A static point whose depth is worse known than this share of its distance is said to have none:
+/// the camera hardly moves, and the point would drift along its ray.
+const LEAST_PARALLAX: f64 = 0.01;
+
+/// From this standard deviation on the depth of a shape point is said to be left open by its rays.
+const OPEN_DEPTH_M: f64 = 0.3;
+
+/// How a shape is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Least squares on all rows of a point: the seed paper's.
+    Plain,
+    /// Plain, and where that leaves large residuals a Huber fit ([`robust_dlt`]).
+    RobustWhereNeeded,
+}
+
+/// A first estimate and what is odd about it.
+#[derive(Clone, Debug)]
+pub struct Initial {
+    /// The estimate.
+    pub estimate: Estimate,
+    /// How many points needed the robust fit.
+    pub robust_points: usize,
+    /// What is odd.
+    pub warnings: Vec<String>,
+}
+
+/// The first estimate of a problem.
+pub fn initialise(problem: &Problem, method: Method) -> Initial {
+    let mut warnings = Vec::new();
+    let mut robust_points = 0;
+    let mut vehicles = Vec::new();
+    for vehicle in &problem.vehicles {
+        let mut estimate = VehicleEstimate {
+            poses: vehicle.poses.clone(),
+            points: vec![None; vehicle.points.len()],
+            left_out: None,
+        };
+        estimate.bridge_gaps(problem, vehicle);
+        let fits = shape(problem, vehicle, &estimate, method);
+        robust_points += fits.iter().flatten().filter(|fit| fit.robust).count();
+        estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
+        estimate.left_out = reason_to_leave_out(problem, vehicle, &estimate);
+        warn_of_points(vehicle, &estimate, &mut warnings);
+        vehicles.push(estimate);
+    }
+    let mut estimate = Estimate {
+        camera_poses: problem.camera_poses.clone(),
+        vehicles,
+        targets: vec![None; problem.targets.len()],
+        terrain_bias_m: 0.0,
+    };
+    for (at, target) in problem.targets.iter().enumerate() {
+        let surveyed = target.surveyed().filter(|_| target.role == Role::Control);
+        estimate.targets[at] =
+            surveyed.or_else(|| intersect_target(problem, &estimate.camera_poses, at));
+        let seen = problem.target_observations.iter().any(|o| o.target == at);
+        if seen && target.role == Role::Control && estimate.targets[at].is_none() {
+            warnings.push(format!("target {}: its rays are too nearly parallel to meet in a point; it is left out", target.id));
+        }
+    }
+    Initial { estimate, robust_points, warnings }
+}
+
+struct Fit {
+    point: Point3<f64>,
+    robust: bool,
+}
+
+fn shape(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate, method: Method) -> Vec<Option<Fit>> {
+    let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); vehicle.points.len()];
+    for observation in &vehicle.observations {
+        let Some(ray) = problem.camera.ray(&observation.image_px) else { continue };
+        let world_from_body = estimate.poses[observation.frame].expect("a pose where it is seen");
+        sightings[observation.point].push(Sighting {
+            camera_from_body: problem.camera_poses[observation.frame].inverse() * world_from_body,
+            ray,
+            sigma: observation.sigma_px / problem.camera.focal_px.mean(),
+        });
+    }
+    let determinable = vehicle.determinable();
+    (0..vehicle.points.len())
+        .into_par_iter()
+        .map(|point| {
+            if !determinable[point] {
+                return None;
+            }
+            let linear = LinearPoint::new(&sightings[point], &vehicle.points[point].known);
+            let plain = linear.solve()?;
+            if method == Method::RobustWhereNeeded && linear.has_heavy_tails(&plain) {
+                let huber = LossName::Huber.default_scale();
+                if let Some(point) = robust_dlt::solve(&linear, huber) {
+                    return Some(Fit { point, robust: true });
+                }
+            }
+            let spread = linear.spread(&plain);
+            let open = linear.largest_sigma_m() * spread > OPEN_DEPTH_M;
+            let point = if open { linear.drawn_to_body(spread)? } else { plain };
+            Some(Fit { point, robust: false })
+        })
+        .collect()
+}
+
+/// Position of a target from its image points alone (and, for a point that is partly known, from
+/// what is known of it); a check point's coordinates are never used.
+pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize) -> Option<Point3<f64>> {
+    let known = match problem.targets[target].role {
+        Role::Control => problem.targets[target].known,
+        Role::Check => [None; 3],
+    };
+    let sightings: Vec<Sighting> = problem
+        .target_observations
+        .iter()
+        .filter(|o| o.target == target)
+        .filter_map(|o| {
+            Some(Sighting {
+                camera_from_body: camera_poses[o.frame].inverse(),
+                ray: problem.camera.ray(&o.image_px)?,
+                sigma: o.sigma_px / problem.camera.focal_px.mean(),
+            })
+        })
+        .collect();
+    if sightings.len() < 2 {
+        return None;
+    }
+    let linear = LinearPoint::new(&sightings, &known);
+    let plain = linear.solve()?;
+    let distance_m = sightings.iter().map(|s| (s.camera_from_body * plain).coords.norm()).fold(f64::INFINITY, f64::min);
+    if linear.largest_sigma_m() > LEAST_PARALLAX * distance_m {
+        return None;
+    }
+    if linear.has_heavy_tails(&plain) {
+        return robust_dlt::solve_anywhere(&linear, LossName::Huber.default_scale()).or(Some(plain));
+    }
+    Some(plain)
+}
+
+fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate) -> Option<String> {
+    let needed = if problem.vehicle_pose_sigma.is_exact() { 1 } else { LEAST_POINTS };
+    let several = vehicle.determinable().into_iter().filter(|d| *d).count();
+    let found = estimate.points.iter().flatten().count();
+    if vehicle.observations.is_empty() {
+        Some("it is never seen".to_owned())
+    } else if several < needed {
+        Some(format!("{several} of its points are seen in two frames or more, {needed} are needed"))
+    } else if found < needed {
+        Some(format!("{found} of its points have rays that meet, {needed} are needed: seen from one side only?"))
+    } else {
+        None
+    }
+}
+
+fn warn_of_points(vehicle: &Vehicle, estimate: &VehicleEstimate, warnings: &mut Vec<String>) {
+    if let Some(reason) = &estimate.left_out {
+        warnings.push(format!("vehicle {} is left out: {reason}", vehicle.id));
+        return;
+    }
+    let determinable = vehicle.determinable();
+    let single = determinable.iter().filter(|d| !**d).count();
+    if single > 0 {
+        warnings.push(format!("vehicle {}: {single} points are seen in one frame only and get no coordinates", vehicle.id));
+    }
+    let lost = determinable.iter().zip(&estimate.points).filter(|(d, p)| **d && p.is_none()).count();
+    if lost > 0 {
+        warnings.push(format!("vehicle {}: the rays of {lost} points do not meet; they get no coordinates", vehicle.id));
+    }
+    if let Some(marker) = vehicle.marker
+        && estimate.points[marker].is_none()
+    {
+        warnings.push(format!("vehicle {}: its marker has no coordinates; the track is that of the origin", vehicle.id));
+    }
+}

@@ -1,0 +1,191 @@
+//! Sparse Cholesky factorisation of a [`BlockMatrix`], its symbolic part done once.
+
+use super::matrix::BlockMatrix;
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
+use faer::perm::PermRef;
+use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
+    factorize_symbolic_cholesky,
+};
+use faer::{Conj, MatMut, Par, Side};
+
+/// Factor of a matrix `A = L L^T` and the workspace to make it again with other values.
+pub struct Cholesky {
+    symbolic: SymbolicCholesky<usize>,
+    factor: Vec<f64>,
+    workspace: MemBuffer,
+    parallelism: Par,
+}
+
+/// The matrix is not positive definite: some combination of unknowns is not determined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the normal equations are singular")]
+pub struct Singular;
+
+/// The matrix has no factorisation that fits into memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the normal equations are too large for this machine's memory")]
+pub struct TooLarge;
+
+impl Cholesky {
+    /// Analyses the pattern of `matrix`. Uses the threads of the current pool; their number does not
+    /// change the result.
+    pub fn analyse(matrix: &BlockMatrix) -> Result<Self, TooLarge> {
+        let n = matrix.size();
+        // The matrix is kept in elimination order already.
+        let identity: Vec<usize> = (0..n).collect();
+        let symbolic = factorize_symbolic_cholesky(
+            matrix.lower().symbolic(),
+            Side::Lower,
+            SymmetricOrdering::Custom(PermRef::new_checked(&identity, &identity, n)),
+            CholeskySymbolicParams {
+                // Blocks of 6 and long bands: measured 1.5 to 4.5 times faster than simplicial.
+                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+                ..Default::default()
+            },
+        )
+        .map_err(|_| TooLarge)?;
+        let parallelism = match rayon::current_num_threads() {
+            1 => Par::Seq,
+            threads => Par::rayon(threads),
+        };
+        let request = StackReq::any_of(&[
+            symbolic.factorize_numeric_llt_scratch::<f64>(parallelism, Default::default()),
+            symbolic.solve_in_place_scratch::<f64>(MAX_RIGHT_SIDES, parallelism),
+        ]);
+        let workspace = MemBuffer::try_new(request).map_err(|_| TooLarge)?;
+        let mut factor = Vec::new();
+        factor.try_reserve_exact(symbolic.len_val()).map_err(|_| TooLarge)?;
+        factor.resize(symbolic.len_val(), 0.0);
+        Ok(Cholesky { symbolic, factor, workspace, parallelism })
+    }
+
+    /// Factorises `matrix`, which has the pattern that was analysed.
+    pub fn factorise(&mut self, matrix: &BlockMatrix) -> Result<(), Singular> {
+        self.symbolic
+            .factorize_numeric_llt(
+                &mut self.factor,
+                matrix.lower(),
+                Side::Lower,
+                Default::default(),
+                self.parallelism,
+                MemStack::new(&mut self.workspace),
+                Default::default(),
+            )
+            .map_err(|_| Singular)?;
+        Ok(())
+    }
+
+    /// Solves `A x = b` in place for the columns of `b`, each as long as the matrix.
+    pub fn solve(&mut self, b: &mut [f64]) {
+        let n = self.symbolic.nrows();
+        if n == 0 {
+            return;
+        }
+        for columns in b.chunks_mut(n * MAX_RIGHT_SIDES) {
+            let count = columns.len() / n;
+            LltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
+                Conj::No,
+                MatMut::from_column_major_slice_mut(columns, n, count),
+                self.parallelism,
+                MemStack::new(&mut self.workspace),
+            );
+        }
+    }
+}
+
+/// Right-hand sides that are solved together.
+const MAX_RIGHT_SIDES: usize = 32;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A diagonally dominant matrix on an irregular graph of blocks, and its dense copy.
+    fn example() -> (BlockMatrix, nalgebra::DMatrix<f64>) {
+        let dims: Vec<usize> = (0..25).map(|i| [6, 3, 1][i % 3]).collect();
+        let pairs: Vec<_> = (0..25)
+            .flat_map(|a| (0..a).map(move |b| (a, b)))
+            .filter(|(a, b)| (a * 5 + b * 3) % 7 < 2)
+            .collect();
+        let mut matrix = BlockMatrix::new(&dims, pairs.iter().copied());
+        let ranges: Vec<_> = (0..25).map(|position| matrix.range(position)).collect();
+        let mut dense = nalgebra::DMatrix::zeros(matrix.size(), matrix.size());
+        let mut state = 1_u32;
+        for mut column in matrix.columns_mut() {
+            column.clear();
+            let at = column.position;
+            column.for_each_block(|row, block| {
+                for c in 0..ranges[at].len() {
+                    for r in 0..ranges[row].len() {
+                        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                        let mut value = f64::from(state >> 16) / 65536.0 - 0.5;
+                        let (i, j) = (ranges[row].start + r, ranges[at].start + c);
+                        if i < j {
+                            continue;
+                        }
+                        value += if i == j { 40.0 } else { 0.0 };
+                        block.add(r, c, value);
+                        dense[(i, j)] = value;
+                        dense[(j, i)] = value;
+                    }
+                }
+            });
+        }
+        (matrix, dense)
+    }
+
+    #[test]
+    fn solutions_agree_with_a_dense_solver() {
+        let (matrix, dense) = example();
+        let mut cholesky = Cholesky::analyse(&matrix).unwrap();
+        cholesky.factorise(&matrix).unwrap();
+        let n = matrix.size();
+        // More right-hand sides than are solved together.
+        let sides = MAX_RIGHT_SIDES + 3;
+        let b: Vec<f64> = (0..n * sides).map(|i| (i as f64 * 0.37).sin()).collect();
+        let mut x = b.clone();
+        cholesky.solve(&mut x);
+        let wanted = dense
+            .cholesky()
+            .unwrap()
+            .solve(&nalgebra::DMatrix::from_column_slice(n, sides, &b));
+        let found = nalgebra::DMatrix::from_column_slice(n, sides, &x);
+        assert!((&found - &wanted).norm() < 1e-12 * wanted.norm());
+    }
+
+    #[test]
+    fn the_product_agrees_with_a_dense_one() {
+        let (matrix, dense) = example();
+        let x: Vec<f64> = (0..matrix.size()).map(|i| (i as f64 * 0.71).cos()).collect();
+        let wanted = dense * nalgebra::DVector::from_column_slice(&x);
+        let found = nalgebra::DVector::from_vec(matrix.multiply(&x));
+        assert!((found - &wanted).norm() < 1e-13 * wanted.norm());
+    }
+
+    #[test]
+    fn the_factor_is_the_same_for_any_number_of_threads() {
+        let (matrix, _) = example();
+        let factor_with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut cholesky = Cholesky::analyse(&matrix).unwrap();
+                cholesky.factorise(&matrix).unwrap();
+                cholesky.factor.iter().map(|v| v.to_bits()).collect::<Vec<_>>()
+            })
+        };
+        assert_eq!(factor_with(1), factor_with(2));
+        assert_eq!(factor_with(1), factor_with(5));
+    }
+
+    #[test]
+    fn an_indefinite_matrix_is_singular() {
+        let (matrix, _) = example();
+        let mut shifted = matrix.clone();
+        shifted.copy_with_diagonal(&matrix, &vec![-60.0; matrix.size()]);
+        let mut cholesky = Cholesky::analyse(&matrix).unwrap();
+        assert_eq!(cholesky.factorise(&shifted), Err(Singular));
+        assert_eq!(cholesky.factorise(&matrix), Ok(()));
+    }
+}

@@ -1,0 +1,453 @@
+//! Levenberg-Marquardt, as a solver of `argmin`.
+//!
+//! One iteration is one attempt at a step:
+//!
+//! ```text
+//! linearise, unless the last attempt was rejected
+//! solve  (H + lambda diag H) step = -g
+//! gain = (cost - cost at the trial) / (decrease that the quadratic model predicts)
+//! gain > 0: move, damp less      otherwise: stay, damp more
+//! ```
+//!
+//! A step is judged by the true robust cost. The damping follows Nielsen, *Damping parameter in
+//! Marquardt's method*, IMM-REP-1999-05.
+
+use super::linear::cholesky::{Cholesky, Singular, TooLarge};
+use super::linear::matrix::BlockMatrix;
+use super::system::{Cost, Normal, System, Values};
+use argmin::core::observers::{Observe, ObserverMode};
+use argmin::core::{
+    Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus,
+};
+use std::collections::HashMap;
+use std::fmt;
+use std::time::{Duration, Instant};
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MinimiserOptions {
+    /// The most attempts at a step.
+    pub max_iterations: usize,
+    /// Stop when a step that is hardly damped lowers the cost by less than this share of it.
+    pub relative_decrease: f64,
+}
+
+impl Default for MinimiserOptions {
+    fn default() -> Self {
+        MinimiserOptions { max_iterations: 50, relative_decrease: 1e-8 }
+    }
+}
+
+/// Damping at the start. A body's frame, and often its scale, are held so weakly that more would
+/// keep them from their place for many iterations; a start that needs more gets it by rejections.
+const FIRST_DAMPING: f64 = 1e-9;
+/// By what the damping grows at a first rejection.
+const FIRST_GROWTH: f64 = 10.0;
+/// A weakly held direction, such as the scale, has moved to its place only when the damping is well
+/// below its share of the curvature; a small decrease says nothing before.
+const HARDLY_DAMPED: f64 = 1e-7;
+/// Damping beyond which no step is left.
+const MOST_DAMPING: f64 = 1e16;
+/// Damping below which it makes no difference.
+const LEAST_DAMPING: f64 = 1e-14;
+/// Changes of the cost below this share of it are rounding.
+const ROUNDING: f64 = 1e-13;
+
+/// Why the minimiser stopped, with what it measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stop {
+    /// A step that was hardly damped no longer lowered the cost.
+    SmallDecrease {
+        /// Decrease as a share of the cost.
+        relative: f64,
+        /// What it was held against.
+        limit: f64,
+    },
+    /// The predicted decrease is below rounding: no step can be told from none.
+    AtRounding {
+        /// Predicted decrease as a share of the cost.
+        relative: f64,
+        /// What it was held against.
+        limit: f64,
+    },
+    /// Nothing is left to adjust, or the gradient is exactly zero.
+    ZeroGradient,
+    /// The limit of iterations was reached.
+    Iterations {
+        /// The limit.
+        limit: usize,
+    },
+    /// However strongly damped, no step lowers the cost.
+    Stalled {
+        /// The damping that was reached.
+        damping: f64,
+    },
+}
+
+impl Stop {
+    /// Whether the estimate is a minimum of the cost.
+    pub fn converged(&self) -> bool {
+        !matches!(self, Stop::Iterations { .. } | Stop::Stalled { .. })
+    }
+
+    /// One word for a report.
+    pub fn status(&self) -> &'static str {
+        match self {
+            Stop::Iterations { .. } => "iteration_limit",
+            Stop::Stalled { .. } => "stalled",
+            _ => "converged",
+        }
+    }
+}
+
+impl fmt::Display for Stop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Stop::SmallDecrease { relative, limit } => {
+                write!(f, "relative decrease {relative:.2e} < {limit:.0e}")
+            }
+            Stop::AtRounding { relative, limit } => {
+                write!(f, "predicted relative decrease {relative:.2e} < {limit:.0e}")
+            }
+            Stop::ZeroGradient => f.write_str("the gradient is zero"),
+            Stop::Iterations { limit } => write!(f, "iteration limit {limit}"),
+            Stop::Stalled { damping } => write!(f, "no step lowers the cost, damping {damping:.1e}"),
+        }
+    }
+}
+
+/// One attempt at a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IterationRecord {
+    /// 0 is the start.
+    pub iteration: usize,
+    /// Cost after it.
+    pub cost: f64,
+    /// By how much it lowered the cost; for a rejected step, what it would have been.
+    pub change: f64,
+    /// Largest entry of the gradient.
+    pub gradient: f64,
+    /// Length of the step, each unknown in units of its own curvature: `sqrt(step^T diag(H) step)`.
+    pub step: f64,
+    /// Decrease over predicted decrease.
+    pub gain: f64,
+    /// The damping of this step.
+    pub damping: f64,
+    /// Whether the step was taken.
+    pub accepted: bool,
+    /// Wall time of the iteration \[s\].
+    pub seconds: f64,
+}
+
+/// What the minimiser found.
+pub struct Minimum {
+    /// The best values.
+    pub values: Values,
+    /// Their cost.
+    pub cost: Cost,
+    /// Why it stopped.
+    pub stop: Stop,
+    /// Every attempt, the start first.
+    pub records: Vec<IterationRecord>,
+}
+
+/// Where the minimiser reports each iteration.
+pub type Watch = Box<dyn FnMut(&IterationRecord)>;
+
+/// The minimiser of one system, with its workspace: the symbolic factorisation is made once, and the
+/// last factors stay for those who want variances.
+pub struct Minimiser {
+    options: MinimiserOptions,
+    normal: Normal,
+    damped: BlockMatrix,
+    cholesky: Cholesky,
+    damping: f64,
+    /// By what the damping is multiplied at the next rejection.
+    growth: f64,
+    /// Whether `normal` belongs to the current values.
+    linearised: bool,
+    /// The damping of the last factorisation.
+    factor_damping: f64,
+}
+
+impl Minimiser {
+    /// A minimiser of `system`.
+    pub fn new(system: &System) -> Result<Self, TooLarge> {
+        let normal = system.normal();
+        let cholesky = Cholesky::analyse(&normal.matrix)?;
+        let damped = normal.matrix.clone();
+        Ok(Minimiser {
+            options: MinimiserOptions::default(),
+            normal,
+            damped,
+            cholesky,
+            damping: FIRST_DAMPING,
+            growth: FIRST_GROWTH,
+            linearised: false,
+            factor_damping: f64::INFINITY,
+        })
+    }
+
+    /// Minimises the cost of `system` from `start`.
+    pub fn run(
+        &mut self,
+        system: &System,
+        start: &Values,
+        options: MinimiserOptions,
+        watch: Option<Watch>,
+    ) -> Minimum {
+        self.options = options;
+        self.damping = FIRST_DAMPING;
+        self.growth = FIRST_GROWTH;
+        self.linearised = false;
+        let mut executor = Executor::new(system, self)
+            .configure(|state: LmState| state.start_at(start.clone(), options.max_iterations))
+            .ctrlc(false);
+        if let Some(watch) = watch {
+            executor = executor.add_observer(WatchObserver(watch), ObserverMode::Always);
+        }
+        let state = executor.run().expect("neither solver nor observer returns an error").state;
+        Minimum {
+            values: state.values.expect("set at the start"),
+            cost: state.cost,
+            stop: state.stop.unwrap_or(Stop::Iterations { limit: options.max_iterations }),
+            records: state.records,
+        }
+    }
+
+    /// The linearisation at the last values that a step was made from, and the factor of its normal
+    /// matrix. Nothing but a step that was hardly damped lies between them and the minimum.
+    pub fn factors(&mut self, system: &System, values: &Values) -> Result<(&Normal, &mut Cholesky), Singular> {
+        if self.factor_damping > HARDLY_DAMPED {
+            system.linearise(values, &mut self.normal);
+            self.linearised = true;
+            self.cholesky.factorise(&self.normal.matrix)?;
+            self.factor_damping = 0.0;
+        }
+        Ok((&self.normal, &mut self.cholesky))
+    }
+
+    /// The damped step and the diagonal that scales it; `None` where the system cannot be solved.
+    fn step(&mut self) -> Option<(Vec<f64>, Vec<f64>)> {
+        let scale: Vec<f64> =
+            self.normal.matrix.diagonal().iter().map(|d| d.clamp(1e-12, 1e32)).collect();
+        let extra: Vec<f64> = scale.iter().map(|d| d * self.damping).collect();
+        self.damped.copy_with_diagonal(&self.normal.matrix, &extra);
+        self.factor_damping = f64::INFINITY;
+        self.cholesky.factorise(&self.damped).ok()?;
+        self.factor_damping = self.damping;
+        let mut step: Vec<f64> = self.normal.gradient.iter().map(|g| -g).collect();
+        self.cholesky.solve(&mut step);
+        step.iter().all(|s| s.is_finite()).then_some((step, scale))
+    }
+
+    fn reject(&mut self) {
+        self.damping *= self.growth;
+        self.growth *= 2.0;
+    }
+
+    fn accept(&mut self, gain: f64) {
+        let factor = (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(0.1, 2.0);
+        self.damping = (self.damping * factor).max(LEAST_DAMPING);
+        self.growth = FIRST_GROWTH;
+        self.linearised = false;
+    }
+
+    /// One attempt: the record of it, and the reason to stop after it, if there is one.
+    fn attempt(&mut self, system: &System, state: &mut LmState) -> (IterationRecord, Option<Stop>) {
+        let values = state.values.as_ref().expect("set at the start");
+        if !self.linearised {
+            system.linearise(values, &mut self.normal);
+            self.linearised = true;
+        }
+        let gradient = self.normal.gradient.iter().fold(0.0, |a: f64, g| a.max(g.abs()));
+        let mut record = IterationRecord {
+            iteration: state.iteration as usize + 1,
+            cost: state.cost.value,
+            gradient,
+            damping: self.damping,
+            ..Default::default()
+        };
+        if gradient == 0.0 {
+            return (record, Some(Stop::ZeroGradient));
+        }
+        let stalled = (self.damping > MOST_DAMPING).then_some(Stop::Stalled { damping: self.damping });
+        let Some((step, scale)) = self.step() else {
+            self.reject();
+            return (record, stalled);
+        };
+        let weighted = |i: usize| scale[i] * step[i] * step[i];
+        let squared_step: f64 = (0..step.len()).map(weighted).sum();
+        let slope: f64 = step.iter().zip(&self.normal.gradient).map(|(s, g)| s * g).sum();
+        // Of the undamped model, for the damped step: -g s - s H s / 2 = (lambda s D s - g s) / 2.
+        let predicted = 0.5 * (self.damping * squared_step - slope);
+        record.step = squared_step.sqrt();
+        let trial = system.plus(values, &step);
+        let trial_cost = system.cost(&trial);
+        record.change = state.cost.value - trial_cost.value;
+        record.gain = record.change / predicted;
+        let rounding = ROUNDING * state.cost.value;
+        if record.change > 0.0 && record.gain > 1e-3 {
+            record.accepted = true;
+            record.cost = trial_cost.value;
+            let relative = record.change / state.cost.value;
+            let limit = self.options.relative_decrease;
+            let hardly_damped = self.damping <= HARDLY_DAMPED;
+            state.values = Some(trial);
+            state.cost = trial_cost;
+            self.accept(record.gain);
+            let stop = (hardly_damped && relative < limit)
+                .then_some(Stop::SmallDecrease { relative, limit });
+            (record, stop)
+        } else if predicted <= rounding {
+            let relative = predicted / state.cost.value.max(f64::MIN_POSITIVE);
+            (record, Some(Stop::AtRounding { relative, limit: ROUNDING }))
+        } else {
+            self.reject();
+            (record, stalled)
+        }
+    }
+}
+
+impl Solver<&System, LmState> for &mut Minimiser {
+    fn name(&self) -> &str {
+        "Levenberg-Marquardt"
+    }
+
+    fn init(&mut self, problem: &mut Problem<&System>, mut state: LmState) -> Result<(LmState, Option<KV>), Error> {
+        let begin = Instant::now();
+        state.cost = problem.problem("cost_count", |system| {
+            Ok(system.cost(state.values.as_ref().expect("set at the start")))
+        })?;
+        let record = IterationRecord {
+            cost: state.cost.value,
+            damping: self.damping,
+            accepted: true,
+            seconds: begin.elapsed().as_secs_f64(),
+            ..Default::default()
+        };
+        state.records.push(record);
+        Ok((state, None))
+    }
+
+    fn next_iter(&mut self, problem: &mut Problem<&System>, mut state: LmState) -> Result<(LmState, Option<KV>), Error> {
+        let begin = Instant::now();
+        let (mut record, stop) =
+            problem.problem("step_count", |system| Ok(self.attempt(system, &mut state)))?;
+        record.seconds = begin.elapsed().as_secs_f64();
+        state.records.push(record);
+        if let Some(stop) = stop {
+            state.stop = Some(stop);
+            state = state.terminate_with(match stop {
+                Stop::SmallDecrease { .. } | Stop::AtRounding { .. } | Stop::ZeroGradient => {
+                    TerminationReason::SolverConverged
+                }
+                other => TerminationReason::SolverExit(other.to_string()),
+            });
+        }
+        Ok((state, None))
+    }
+}
+
+/// The state of the minimiser as `argmin` sees it.
+#[derive(Clone, Default)]
+pub struct LmState {
+    values: Option<Values>,
+    cost: Cost,
+    iteration: u64,
+    max_iterations: u64,
+    records: Vec<IterationRecord>,
+    stop: Option<Stop>,
+    status: TerminationStatus,
+    counts: HashMap<String, u64>,
+    time: Option<Duration>,
+}
+
+impl LmState {
+    fn start_at(mut self, values: Values, max_iterations: usize) -> Self {
+        self.values = Some(values);
+        self.max_iterations = max_iterations as u64;
+        self
+    }
+}
+
+impl State for LmState {
+    type Param = Values;
+    type Float = f64;
+
+    fn new() -> Self {
+        LmState::default()
+    }
+    // Only better values are ever taken, so the current ones are the best.
+    fn update(&mut self) {}
+    fn get_param(&self) -> Option<&Values> {
+        self.values.as_ref()
+    }
+    fn get_best_param(&self) -> Option<&Values> {
+        self.values.as_ref()
+    }
+    fn get_max_iters(&self) -> u64 {
+        self.max_iterations
+    }
+    fn increment_iter(&mut self) {
+        self.iteration += 1;
+    }
+    fn get_iter(&self) -> u64 {
+        self.iteration
+    }
+    fn get_cost(&self) -> f64 {
+        self.cost.value
+    }
+    fn get_best_cost(&self) -> f64 {
+        self.cost.value
+    }
+    fn get_target_cost(&self) -> f64 {
+        f64::NEG_INFINITY
+    }
+    fn func_counts<O>(&mut self, problem: &Problem<O>) {
+        self.counts = problem.counts.iter().map(|(k, v)| (k.to_string(), *v)).collect();
+    }
+    fn get_func_counts(&self) -> &HashMap<String, u64> {
+        &self.counts
+    }
+    fn time(&mut self, time: Option<Duration>) -> &mut Self {
+        self.time = time;
+        self
+    }
+    fn get_time(&self) -> Option<Duration> {
+        self.time
+    }
+    fn get_last_best_iter(&self) -> u64 {
+        self.iteration
+    }
+    fn is_best(&self) -> bool {
+        true
+    }
+    fn terminate_with(mut self, reason: TerminationReason) -> Self {
+        self.status = TerminationStatus::Terminated(reason);
+        self
+    }
+    fn get_termination_status(&self) -> &TerminationStatus {
+        &self.status
+    }
+    fn get_termination_reason(&self) -> Option<&TerminationReason> {
+        match &self.status {
+            TerminationStatus::Terminated(reason) => Some(reason),
+            TerminationStatus::NotTerminated => None,
+        }
+    }
+}
+
+struct WatchObserver(Watch);
+
+impl Observe<LmState> for WatchObserver {
+    fn observe_init(&mut self, _name: &str, state: &LmState, _kv: &KV) -> Result<(), Error> {
+        state.records.last().into_iter().for_each(&mut self.0);
+        Ok(())
+    }
+
+    fn observe_iter(&mut self, state: &LmState, _kv: &KV) -> Result<(), Error> {
+        state.records.last().into_iter().for_each(&mut self.0);
+        Ok(())
+    }
+}

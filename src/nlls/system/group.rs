@@ -1,0 +1,216 @@
+//! Measurements of one kind under one loss.
+
+use super::{BlockId, Cost, System, Values};
+use crate::nlls::loss::Loss;
+use crate::nlls::residual::{Jacobian, Residual};
+use nalgebra::SVector;
+use rayon::prelude::*;
+
+/// A measurement whose geometry is impossible, such as a point behind the camera, costs as much as
+/// one that is this many standard deviations off, and pulls nowhere.
+pub const IMPOSSIBLE_SIGMAS: f64 = 1e4;
+
+/// Measurements that one task works on; fixed, so that sums do not depend on the threads.
+const CHUNK: usize = 512;
+
+/// A residual, the blocks it sees, and the standard deviation of each of its rows.
+#[derive(Clone, Debug)]
+pub struct Measurement<R, const ROWS: usize, const BLOCKS: usize> {
+    /// The measurement.
+    pub residual: R,
+    /// Its blocks.
+    pub blocks: [BlockId; BLOCKS],
+    /// Standard deviations, in the unit of the residual, above zero.
+    pub sigma: [f64; ROWS],
+}
+
+pub(super) struct Group<R, const ROWS: usize, const BLOCKS: usize> {
+    pub name: &'static str,
+    pub loss: Loss,
+    pub sigma_factor: f64,
+    pub measurements: Vec<Measurement<R, ROWS, BLOCKS>>,
+}
+
+/// Whitened, weighted residuals and Jacobians of a group, measurement after measurement. Of a
+/// Jacobian each column is contiguous.
+#[derive(Clone, Debug)]
+pub(super) struct Linear {
+    pub rows: usize,
+    pub columns: usize,
+    pub residuals: Vec<f64>,
+    pub jacobians: Vec<f64>,
+}
+
+/// What the system asks of a group, whatever its kind.
+pub(super) trait AnyGroup: Send + Sync {
+    fn len(&self) -> usize;
+    fn rows(&self) -> usize;
+    fn blocks(&self, item: usize) -> &[BlockId];
+    /// First Jacobian column of each block.
+    fn column_starts(&self) -> Vec<usize>;
+    fn set_loss(&mut self, loss: Loss);
+    fn set_sigma_factor(&mut self, factor: f64);
+    fn sigma_factor(&self) -> f64;
+    fn cost(&self, system: &System, values: &Values) -> Cost;
+    fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
+    fn linear(&self) -> Linear;
+    fn linearise(&self, system: &System, values: &Values, linear: &mut Linear);
+}
+
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
+    fn columns() -> usize {
+        R::MANIFOLDS.iter().map(|m| m.tangent()).sum()
+    }
+
+    /// The whitened residual; the Jacobian that comes back is not whitened.
+    fn whitened(
+        &self,
+        measurement: &Measurement<R, ROWS, BLOCKS>,
+        system: &System,
+        values: &Values,
+        jacobian: Option<&mut Jacobian<ROWS, BLOCKS>>,
+    ) -> Option<SVector<f64, ROWS>> {
+        let x = measurement.blocks.map(|block| system.value(values, block));
+        let mut residual = measurement.residual.evaluate(&x, jacobian)?;
+        for (value, sigma) in residual.iter_mut().zip(measurement.sigma) {
+            *value /= sigma * self.sigma_factor;
+        }
+        residual.iter().all(|v| v.is_finite()).then_some(residual)
+    }
+
+    fn linearise_one(
+        &self,
+        measurement: &Measurement<R, ROWS, BLOCKS>,
+        system: &System,
+        values: &Values,
+        residual_out: &mut [f64],
+        jacobian_out: &mut [f64],
+    ) {
+        residual_out.fill(0.0);
+        jacobian_out.fill(0.0);
+        let mut jacobian = Jacobian::zeros();
+        let Some(residual) = self.whitened(measurement, system, values, Some(&mut jacobian)) else {
+            return;
+        };
+        // Iteratively re-weighted least squares: J~ = sqrt(rho') J and r~ = sqrt(rho') r have the
+        // gradient of rho(s) / 2 and a curvature that lies above its own, so that steps stay short.
+        let root = self.loss.weight(residual.norm_squared()).sqrt();
+        if root == 0.0 {
+            return;
+        }
+        for (out, value) in residual_out.iter_mut().zip(residual.iter()) {
+            *out = root * value;
+        }
+        let factor = SVector::from(measurement.sigma.map(|s| root / (s * self.sigma_factor)));
+        let mut columns = jacobian_out.chunks_exact_mut(ROWS);
+        for (block, manifold) in R::MANIFOLDS.iter().enumerate() {
+            let free = system.free(measurement.blocks[block]);
+            for (column, free) in (0..manifold.tangent()).zip(free) {
+                let out = columns.next().expect("one column a perturbation");
+                if *free {
+                    let column = jacobian.0[block].column(column).component_mul(&factor);
+                    out.copy_from_slice(column.as_slice());
+                }
+            }
+        }
+    }
+}
+
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
+    for Group<R, ROWS, BLOCKS>
+{
+    fn len(&self) -> usize {
+        self.measurements.len()
+    }
+
+    fn rows(&self) -> usize {
+        ROWS
+    }
+
+    fn blocks(&self, item: usize) -> &[BlockId] {
+        &self.measurements[item].blocks
+    }
+
+    fn column_starts(&self) -> Vec<usize> {
+        R::MANIFOLDS
+            .iter()
+            .scan(0, |next, m| {
+                let start = *next;
+                *next += m.tangent();
+                Some(start)
+            })
+            .collect()
+    }
+
+    fn set_loss(&mut self, loss: Loss) {
+        self.loss = loss;
+    }
+
+    fn set_sigma_factor(&mut self, factor: f64) {
+        assert!(factor > 0.0 && factor.is_finite(), "sigma factor of {}: {factor}", self.name);
+        self.sigma_factor = factor;
+    }
+
+    fn sigma_factor(&self) -> f64 {
+        self.sigma_factor
+    }
+
+    fn cost(&self, system: &System, values: &Values) -> Cost {
+        let parts: Vec<Cost> = self
+            .measurements
+            .par_chunks(CHUNK)
+            .map(|chunk| {
+                let mut cost = Cost::default();
+                for measurement in chunk {
+                    let squared = match self.whitened(measurement, system, values, None) {
+                        Some(residual) => residual.norm_squared(),
+                        None => {
+                            cost.impossible += 1;
+                            IMPOSSIBLE_SIGMAS * IMPOSSIBLE_SIGMAS
+                        }
+                    };
+                    cost.value += 0.5 * self.loss.rho(squared)[0];
+                }
+                cost
+            })
+            .collect();
+        Cost {
+            value: parts.iter().map(|part| part.value).sum(),
+            impossible: parts.iter().map(|part| part.impossible).sum(),
+        }
+    }
+
+    fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>> {
+        self.measurements
+            .par_iter()
+            .map(|m| self.whitened(m, system, values, None).map(|r| r.norm_squared()))
+            .collect()
+    }
+
+    fn linear(&self) -> Linear {
+        let columns = Self::columns();
+        Linear {
+            rows: ROWS,
+            columns,
+            residuals: vec![0.0; self.len() * ROWS],
+            jacobians: vec![0.0; self.len() * ROWS * columns],
+        }
+    }
+
+    fn linearise(&self, system: &System, values: &Values, linear: &mut Linear) {
+        let columns = linear.columns;
+        self.measurements
+            .par_chunks(CHUNK)
+            .zip(linear.residuals.par_chunks_mut(CHUNK * ROWS))
+            .zip(linear.jacobians.par_chunks_mut(CHUNK * ROWS * columns))
+            .for_each(|((measurements, residuals), jacobians)| {
+                for ((measurement, residual), jacobian) in measurements
+                    .iter()
+                    .zip(residuals.chunks_exact_mut(ROWS))
+                    .zip(jacobians.chunks_exact_mut(ROWS * columns))
+                {
+                    self.linearise_one(measurement, system, values, residual, jacobian);
+                }
+            });
+    }
+}

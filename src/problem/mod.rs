@@ -1,0 +1,204 @@
+//! What was observed: cameras, frames, targets, vehicles, image points and prior knowledge.
+//!
+//! A [`Problem`] is immutable and valid by construction: every index is in range, every number is
+//! finite, every standard deviation is not negative, keys are unique, times increase. The room
+//! `files` makes it from a folder and refuses anything else.
+
+use crate::camera::Camera;
+use crate::geometry::Pose;
+use crate::terrain::Terrain;
+use nalgebra::{Point3, Vector2};
+
+/// One film with everything that is known of it.
+#[derive(Clone, Debug)]
+pub struct Problem {
+    /// Its name.
+    pub name: String,
+    /// The camera.
+    pub camera: Camera,
+    /// The frames, in time order.
+    pub frames: Vec<Frame>,
+    /// `world_from_camera` of each frame, as far as it is known beforehand.
+    pub camera_poses: Vec<Pose>,
+    /// How well it is known.
+    pub camera_pose_sigma: PoseSigma,
+    /// Surveyed points and tie points, sorted by id.
+    pub targets: Vec<Target>,
+    /// Image points of targets, sorted by frame and target.
+    pub target_observations: Vec<TargetObservation>,
+    /// The vehicles, in the order of declaration.
+    pub vehicles: Vec<Vehicle>,
+    /// How well the poses of vehicles are known beforehand.
+    pub vehicle_pose_sigma: PoseSigma,
+    /// The ground, where it is known.
+    pub ground: Option<GroundKnowledge>,
+}
+
+/// A frame of the film.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// The number it has in the tables.
+    pub number: i64,
+    /// Video time of its middle row \[s\].
+    pub time_s: f64,
+}
+
+/// How well poses are known beforehand, per axis; `None`: they are starting values only; zero: they
+/// are exact and held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseSigma {
+    /// Position, along the axes of the world \[m\].
+    pub position_m: Option<f64>,
+    /// Attitude, about the axes of the body \[rad\].
+    pub rotation_rad: [Option<f64>; 3],
+}
+
+/// A coordinate that is known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// The coordinate \[m\].
+    pub value_m: f64,
+    /// Its standard deviation \[m\]; zero: exact and held.
+    pub sigma_m: f64,
+}
+
+/// What a target is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// It holds the datum.
+    Control,
+    /// It is compared with, never adjusted to.
+    Check,
+}
+
+/// A point of the static world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// Its id.
+    pub id: String,
+    /// Its coordinates in the world, as far as they are known.
+    pub known: [Option<Known>; 3],
+    /// What it is for.
+    pub role: Role,
+}
+
+/// An image point of a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TargetObservation {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Index of the target.
+    pub target: usize,
+    /// Where it was seen \[px\].
+    pub image_px: Vector2<f64>,
+    /// Standard deviation per coordinate \[px\], above zero.
+    pub sigma_px: f64,
+}
+
+/// A vehicle and all that was seen of it.
+#[derive(Clone, Debug)]
+pub struct Vehicle {
+    /// Its id.
+    pub id: String,
+    /// Index of the point whose track is reported; without one it is the origin of the body.
+    pub marker: Option<usize>,
+    /// Height above the ground of the highest observed point.
+    pub height: Option<Known>,
+    /// Its points, sorted by id.
+    pub points: Vec<ShapePoint>,
+    /// Its image points, sorted by frame and point.
+    pub observations: Vec<VehicleObservation>,
+    /// `world_from_vehicle` of each frame, as far as it is known beforehand. There is one for every
+    /// frame in which the vehicle is seen.
+    pub poses: Vec<Option<Pose>>,
+}
+
+/// A point of a vehicle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShapePoint {
+    /// Its id.
+    pub id: String,
+    /// Its coordinates in the vehicle frame, as far as they are known beforehand.
+    pub known: [Option<Known>; 3],
+}
+
+/// An image point of a vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VehicleObservation {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Index of the point.
+    pub point: usize,
+    /// Where it was seen \[px\].
+    pub image_px: Vector2<f64>,
+    /// Standard deviation per coordinate \[px\], above zero.
+    pub sigma_px: f64,
+}
+
+/// How the ground ties the vehicles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundKnowledge {
+    /// The terrain model.
+    pub terrain: Terrain,
+    /// How far the origin of a vehicle lies above or below it \[m\].
+    pub sigma_m: f64,
+    /// How long such an error lasts \[s\].
+    pub correlation_s: f64,
+    /// An error of the terrain that is common to the whole film \[m\].
+    pub bias_sigma_m: f64,
+    /// Roll and pitch of a vehicle against the slope \[rad\].
+    pub tilt_sigma_rad: f64,
+}
+
+impl Vehicle {
+    /// The frames from the first to the last in which the vehicle is seen.
+    pub fn span(&self) -> std::ops::Range<usize> {
+        match (self.observations.first(), self.observations.last()) {
+            (Some(first), Some(last)) => first.frame..last.frame + 1,
+            _ => 0..0,
+        }
+    }
+
+    /// In how many frames each point is seen.
+    pub fn sightings(&self) -> Vec<usize> {
+        let mut count = vec![0; self.points.len()];
+        self.observations.iter().for_each(|o| count[o.point] += 1);
+        count
+    }
+
+    /// Whether a point can have coordinates: one frame alone gives two equations for three unknowns.
+    pub fn determinable(&self) -> Vec<bool> {
+        self.sightings().into_iter().map(|count| count >= 2).collect()
+    }
+}
+
+impl PoseSigma {
+    /// Whether every component is exact.
+    pub fn is_exact(&self) -> bool {
+        self.components().iter().all(|sigma| *sigma == Some(0.0))
+    }
+
+    /// Whether no component is known.
+    pub fn is_unknown(&self) -> bool {
+        self.components().iter().all(Option::is_none)
+    }
+
+    /// Position three times, then attitude, in the order of the perturbation of a pose.
+    pub fn components(&self) -> [Option<f64>; 6] {
+        let [roll, pitch, yaw] = self.rotation_rad;
+        [self.position_m, self.position_m, self.position_m, roll, pitch, yaw]
+    }
+}
+
+impl Target {
+    /// Its coordinates, where all of them are known.
+    pub fn surveyed(&self) -> Option<Point3<f64>> {
+        let [x, y, z] = self.known;
+        Some(Point3::new(x?.value_m, y?.value_m, z?.value_m))
+    }
+
+    /// Whether all of its coordinates are known.
+    pub fn is_surveyed(&self) -> bool {
+        self.surveyed().is_some()
+    }
+}

@@ -1,0 +1,118 @@
+//! What holds the coordinate systems: which poses are held, and how much their starting values weigh.
+//!
+//! Starting poses come from one method and are wrong *together* over many frames. Whatever the
+//! spectrum of `n` errors of standard deviation `s` is, no combination of them (of unit length) has a
+//! variance above `n s^2`. Rows with standard deviation `s sqrt(n)` are therefore never too
+//! confident, and all of them together weigh as much as one observation of `s`.
+//!
+//! The starting pose of a vehicle is only to say where in the body its origin lies and which way it
+//! looks. What it says of the scale is no news: it was computed from camera and terrain. A change of
+//! scale moves a vehicle along its ray from the camera, so along that ray its position weighs a
+//! hundredth, unless nothing else knows the scale.
+
+use crate::geometry::Pose;
+use crate::problem::{PoseSigma, Problem, Role, Vehicle};
+use nalgebra::{Rotation3, Vector3};
+
+/// By what the standard deviation of a vehicle's starting position is multiplied along its ray.
+const WEAKNESS_ALONG_RAY: f64 = 10.0;
+/// Standard deviations of starting poses of vehicles that come without \[m, rad\].
+const UNKNOWN_VEHICLE_POSE: [f64; 6] = [1.0, 1.0, 1.0, 0.05, 0.05, 0.1];
+/// Standard deviations of starting poses of cameras that come without and are held by targets: so
+/// weak that they only keep frames that see nothing from being undetermined \[m, rad\].
+const UNKNOWN_CAMERA_POSE: [f64; 6] = [10.0, 10.0, 10.0, 0.2, 0.2, 0.2];
+/// Control targets that a frame needs to be held by them.
+const TARGETS_THAT_HOLD: usize = 3;
+
+/// How the poses of one body enter the adjustment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Treatment {
+    /// Which components of a pose are adjusted.
+    pub free: [bool; 6],
+    /// Standard deviations of the rows of each starting pose \[m, rad\]. For a vehicle the third is
+    /// that along its ray from the camera.
+    pub prior_sigma: [f64; 6],
+}
+
+/// The axes along which the starting position of a vehicle has its standard deviations: the third is
+/// its ray from the camera.
+pub fn ray_axes(camera: &Pose, vehicle: &Pose) -> Rotation3<f64> {
+    let ray = vehicle.translation.vector - camera.translation.vector;
+    // Any two directions across will do.
+    let up = if ray.x.abs() < ray.z.abs() { Vector3::x() } else { Vector3::z() };
+    Rotation3::face_towards(&ray, &up)
+}
+
+/// How camera poses are treated, and a warning where they are held for want of anything better.
+pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
+    let rows = problem.frames.len() as f64;
+    let components = problem.camera_pose_sigma.components();
+    let held_by_targets = targets_hold(problem);
+    let unknown_is_held = !held_by_targets && components.iter().any(Option::is_none);
+    let treatment = Treatment {
+        free: components.map(|sigma| sigma.map_or(held_by_targets, |s| s > 0.0)),
+        prior_sigma: prior_sigma(&components, &UNKNOWN_CAMERA_POSE, rows.sqrt()),
+    };
+    let warning = unknown_is_held.then(|| {
+        let missing = match problem.camera_pose_sigma {
+            sigma if sigma.is_unknown() => "camera poses",
+            PoseSigma { position_m: None, .. } => "camera positions",
+            _ => "camera attitudes",
+        };
+        format!(
+            "{missing} are held as given: there is neither a sigma (noise.camera_position_m, \
+             noise.camera_rotation_deg) nor {TARGETS_THAT_HOLD} control targets in most frames"
+        )
+    });
+    (treatment, warning)
+}
+
+/// How the poses of a vehicle are treated.
+pub fn of_vehicle(problem: &Problem, vehicle: &Vehicle) -> Treatment {
+    let rows = vehicle.poses.iter().flatten().count() as f64;
+    let components = problem.vehicle_pose_sigma.components();
+    let mut prior_sigma = prior_sigma(&components, &UNKNOWN_VEHICLE_POSE, rows.sqrt());
+    if scale_gap(problem, vehicle).is_none() {
+        prior_sigma[2] *= WEAKNESS_ALONG_RAY;
+    }
+    Treatment { free: components.map(|sigma| sigma != Some(0.0)), prior_sigma }
+}
+
+fn prior_sigma(known: &[Option<f64>; 6], unknown: &[f64; 6], factor: f64) -> [f64; 6] {
+    std::array::from_fn(|i| match known[i] {
+        // Held: the row is zero whatever it is divided by.
+        Some(0.0) => 1.0,
+        sigma => sigma.unwrap_or(unknown[i]) * factor,
+    })
+}
+
+/// Whether most frames see enough surveyed control targets to be held by them.
+fn targets_hold(problem: &Problem) -> bool {
+    let mut seen = vec![0; problem.frames.len()];
+    for observation in &problem.target_observations {
+        let target = &problem.targets[observation.target];
+        seen[observation.frame] += usize::from(target.role == Role::Control && target.is_surveyed());
+    }
+    seen.sort_unstable();
+    seen[seen.len() / 2] >= TARGETS_THAT_HOLD
+}
+
+/// Why the scale of a vehicle is not fixed by the problem, where it is not.
+///
+/// A rigid body under one camera has a scale that no image point sees. This looks at what is known
+/// only; how well the scale is held is for the covariance to say.
+pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
+    let sigma = problem.vehicle_pose_sigma;
+    if sigma.position_m == Some(0.0) {
+        return None;
+    }
+    let knows = |axis: usize| vehicle.points.iter().filter(|p| p.known[axis].is_some()).count();
+    let knows_size = (0..3).any(|axis| knows(axis) >= 2);
+    let knows_height = knows(2) >= 1 || vehicle.height.is_some();
+    match (knows_size, knows_height, problem.ground.is_some()) {
+        (true, _, _) | (_, true, true) => None,
+        (false, true, false) => Some("a height is known, but without a terrain there is no ground to count it from"),
+        (false, false, true) => Some("the terrain is known, but no height above it"),
+        (false, false, false) => Some("neither a terrain, nor a height, nor a size is known"),
+    }
+}

@@ -1,0 +1,192 @@
+//! The adjustment: shapes, vehicle poses and camera poses together.
+//!
+//! It runs in rounds, each a minimisation from where the last one ended:
+//!
+//! 1. **approach**: a loss that keeps pulling however far off a measurement is (Huber), because the
+//!    starting poses alone can put good image points tens of pixels off;
+//! 2. **variance components**: the chosen loss, and after each round the strength of the motion
+//!    priors is estimated anew, until it no longer changes;
+//! 3. **final**: all strengths fixed, to full accuracy.
+
+mod datum;
+mod model;
+mod motion;
+mod outcome;
+
+pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
+pub use outcome::{Adjustment, CheckPoint, Fits, OUTLIER_SIGMAS, ObservationFit, Round};
+
+use crate::estimate::Estimate;
+use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
+use crate::nlls::linear::cholesky::TooLarge;
+use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum};
+use crate::nlls::system::Values;
+use crate::problem::Problem;
+use model::Model;
+
+/// What a user may choose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefineOptions {
+    /// The robust loss of image points.
+    pub loss: LossName,
+    /// Its scale in standard deviations of an image point; default: 95 % efficiency on good points.
+    pub loss_scale: Option<f64>,
+    /// Barron's alpha.
+    pub loss_shape: f64,
+    /// The most iterations, all rounds together.
+    pub max_iterations: usize,
+    /// The motion priors.
+    pub motion: MotionPriors,
+}
+
+impl Default for RefineOptions {
+    fn default() -> Self {
+        RefineOptions {
+            loss: LossName::Tukey,
+            loss_scale: None,
+            loss_shape: DEFAULT_SHAPE,
+            max_iterations: 100,
+            motion: MotionPriors::ESTIMATED,
+        }
+    }
+}
+
+/// Progress of an adjustment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// A round begins; rounds count from 1.
+    Round(usize, &'static str),
+    /// An iteration has ended.
+    Iteration(IterationRecord),
+}
+
+/// Where progress is reported.
+pub type ProgressSink = std::rc::Rc<dyn Fn(Progress)>;
+
+/// The problem has no usable solution; what is missing is said.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct NoSolution(pub String);
+
+impl From<TooLarge> for NoSolution {
+    fn from(error: TooLarge) -> Self {
+        NoSolution(error.to_string())
+    }
+}
+
+/// Rounds in which motion priors are estimated, at the most.
+const MOST_ROUNDS: usize = 8;
+/// The approach ends when a step lowers the cost by less than this share.
+const APPROACHED: f64 = 1e-3;
+/// A round between two estimates of the motion priors ends when a step lowers the cost by less.
+const FOLLOWED: f64 = 1e-2;
+/// The most iterations of a round before the last.
+const ROUND_ITERATIONS: usize = 10;
+/// Motion strengths have settled when none changes by more than this factor.
+const SETTLED: f64 = 1.15;
+
+/// Adjusts `start`.
+pub fn refine(
+    problem: &Problem,
+    start: &Estimate,
+    options: &RefineOptions,
+    progress: Option<ProgressSink>,
+) -> Result<(Estimate, Adjustment), NoSolution> {
+    if start.vehicles.iter().all(|vehicle| vehicle.left_out.is_some()) {
+        let reasons: Vec<String> = problem
+            .vehicles
+            .iter()
+            .zip(&start.vehicles)
+            .filter_map(|(v, e)| Some(format!("vehicle {}: {}", v.id, e.left_out.as_ref()?)))
+            .collect();
+        return Err(NoSolution(format!("no vehicle can be adjusted; {}", reasons.join("; "))));
+    }
+    let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
+    let chosen = options.loss.with_scale(scale, options.loss_shape);
+    let model = Model::new(problem, start, start, options.motion);
+    let mut run = Run {
+        problem,
+        progress,
+        start,
+        options,
+        minimiser: Minimiser::new(&model.system)?,
+        values: model.system.start().clone(),
+        model,
+        left: options.max_iterations,
+        rounds: Vec::new(),
+    };
+    let huber = Loss::Huber { scale: LossName::Huber.default_scale() };
+    let approach = if chosen.redescends() { huber } else { chosen };
+    let estimates_motion = run.model.motion.is_estimated();
+    if chosen.redescends() || estimates_motion {
+        run.model.set_image_loss(approach);
+        run.round("approach", APPROACHED, ROUND_ITERATIONS);
+    }
+    let spread = run.model.spread(&run.values);
+    let chosen = match options.loss_scale {
+        // Image points worse than their stated sigma must not all be taken for gross errors.
+        None => chosen.stretched(spread.max(1.0)),
+        Some(_) => chosen,
+    };
+    run.model.set_image_loss(chosen);
+    if estimates_motion {
+        for _ in 0..MOST_ROUNDS {
+            let change = run.model.estimate_motion(&mut run.minimiser, &run.values)?;
+            if change < SETTLED || run.left == 0 {
+                break;
+            }
+            run.round("variance components", FOLLOWED, ROUND_ITERATIONS);
+        }
+    }
+    run.reselect_highest_points(chosen)?;
+    let minimum = run.round("final", MinimiserOptions::default().relative_decrease, usize::MAX);
+    let estimate = run.model.estimate(problem, start, &run.values);
+    let end = outcome::End { model: &run.model, minimum, rounds: run.rounds, spread, image_loss: chosen };
+    let adjustment = outcome::summarise(problem, start, &estimate, end);
+    Ok((estimate, adjustment))
+}
+
+struct Run<'a> {
+    problem: &'a Problem,
+    start: &'a Estimate,
+    options: &'a RefineOptions,
+    progress: Option<ProgressSink>,
+    model: Model,
+    minimiser: Minimiser,
+    values: Values,
+    /// Iterations left.
+    left: usize,
+    rounds: Vec<Round>,
+}
+
+impl Run<'_> {
+    /// Minimises from the current values and moves them.
+    fn round(&mut self, name: &'static str, relative_decrease: f64, most: usize) -> Minimum {
+        if let Some(progress) = &self.progress {
+            progress(Progress::Round(self.rounds.len() + 1, name));
+        }
+        let options = MinimiserOptions { max_iterations: self.left.min(most), relative_decrease };
+        let watch = self.progress.clone().map(|progress| -> crate::nlls::minimise::Watch {
+            Box::new(move |record| progress(Progress::Iteration(*record)))
+        });
+        let minimum = self.minimiser.run(&self.model.system, &self.values, options, watch);
+        self.left -= minimum.records.len() - 1;
+        self.values = minimum.values.clone();
+        self.rounds.push(Round { name, stop: minimum.stop, records: minimum.records.clone() });
+        minimum
+    }
+
+    /// The known height of a body belongs to its highest point, which may be another one by now.
+    fn reselect_highest_points(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
+        let now = self.model.estimate(self.problem, self.start, &self.values);
+        if model::highest_points(self.problem, &now) != self.model.highest_points {
+            let mut model = Model::new(self.problem, self.start, &now, self.options.motion);
+            model.set_image_loss(image_loss);
+            model.copy_motion(&self.model);
+            self.minimiser = Minimiser::new(&model.system)?;
+            self.values = model.system.start().clone();
+            self.model = model;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,235 @@
+//! Motion priors and their strength.
+//!
+//! A prior says that a body's acceleration is white noise. How strong the noise is, is estimated from
+//! the data as a variance component (Foerstner, *Ein Verfahren zur Schaetzung von Varianz- und
+//! Kovarianzkomponenten*, AVN 86, 1979): of the rows of a group, whitened with the present strength,
+//!
+//! ```text
+//! factor of the variance = (sum of squares) / (rows - trace of (J H^-1 J^T))
+//! ```
+//!
+//! is 1 where the strength is right. The trace is the mean of `z^T J H^-1 J^T z` over vectors `z` of
+//! random signs (Hutchinson 1990), drawn from a fixed seed.
+
+use super::NoSolution;
+use crate::nlls::loss::Loss;
+use crate::nlls::minimise::Minimiser;
+use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, Values};
+use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// How strongly motion is smoothed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionPriors {
+    /// That of the camera.
+    pub camera: MotionPrior,
+    /// That of vehicles.
+    pub vehicle: MotionPrior,
+}
+
+/// The motion prior of a body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MotionPrior {
+    /// Its strength is estimated from the data.
+    Estimated,
+    /// Its strength is known.
+    Given(MotionStrength),
+    /// There is none.
+    Off,
+}
+
+/// Scatter of the mean acceleration over one second: the root of the spectral density of the noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionStrength {
+    /// Of the position, per axis \[m/s^2\].
+    pub acceleration_mps2: f64,
+    /// Of the attitude, per axis \[rad/s^2\].
+    pub angular_acceleration_rps2: f64,
+}
+
+impl MotionPriors {
+    /// Everything is estimated from the data.
+    pub const ESTIMATED: MotionPriors =
+        MotionPriors { camera: MotionPrior::Estimated, vehicle: MotionPrior::Estimated };
+    /// There are none.
+    pub const OFF: MotionPriors = MotionPriors { camera: MotionPrior::Off, vehicle: MotionPrior::Off };
+}
+
+/// Strengths from which the estimation starts: a hovering drone and a car in town.
+const FIRST_CAMERA: MotionStrength = MotionStrength { acceleration_mps2: 0.3, angular_acceleration_rps2: 0.02 };
+const FIRST_VEHICLE: MotionStrength = MotionStrength { acceleration_mps2: 1.0, angular_acceleration_rps2: 0.05 };
+/// An estimate stays within these factors of its start: a body at rest has no smallest strength.
+const FACTOR_BOUNDS: (f64, f64) = (1e-3, 1e2);
+/// Fewest rows, and least redundancy in them, from which a strength is estimated.
+const LEAST_ROWS: usize = 24;
+const LEAST_REDUNDANCY: f64 = 3.0;
+/// Random vectors for a trace.
+const PROBES: usize = 8;
+/// The largest power of a factor that is applied.
+const MOST_POWER: f64 = 3.0;
+
+/// Whose motion.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Body {
+    /// The camera's.
+    Camera,
+    /// That of the vehicle with this id.
+    Vehicle(String),
+}
+
+/// The groups of motion priors in a system.
+#[derive(Default)]
+pub struct Motion {
+    components: Vec<Component>,
+}
+
+struct Component {
+    body: Body,
+    group: GroupId,
+    /// The strength at a sigma factor of 1.
+    first: f64,
+    is_rotation: bool,
+    is_estimated: bool,
+    /// Logarithm of the last factor that was asked for, and the power of it that was applied.
+    last: Option<(f64, f64)>,
+}
+
+impl Component {
+    /// The power of a factor to apply. The plain iteration closes only a share of the distance each
+    /// time where the prior, not the data, rules the motion; what the last factor left over says how
+    /// large that share is.
+    fn power(&self, log_factor: f64) -> f64 {
+        match self.last {
+            Some((last, power)) if last.abs() > 1e-3 => {
+                let share = (1.0 - log_factor / last) / power;
+                if share > 0.0 { (1.0 / share).clamp(1.0, MOST_POWER) } else { MOST_POWER }
+            }
+            _ => 1.0,
+        }
+    }
+}
+
+/// The strength of a motion prior at the end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodyStrength {
+    /// Whose.
+    pub body: Body,
+    /// How strong.
+    pub strength: MotionStrength,
+    /// Whether it was estimated.
+    pub is_estimated: bool,
+}
+
+impl Motion {
+    /// Adds the prior of a body with these poses in time order.
+    pub fn add(&mut self, builder: &mut SystemBuilder, body: Body, poses: &[(f64, BlockId)], prior: MotionPrior) {
+        let is_estimated = prior == MotionPrior::Estimated;
+        let first = match (prior, &body) {
+            (MotionPrior::Off, _) => return,
+            (MotionPrior::Given(strength), _) => strength,
+            (MotionPrior::Estimated, Body::Camera) => FIRST_CAMERA,
+            (MotionPrior::Estimated, Body::Vehicle(_)) => FIRST_VEHICLE,
+        };
+        let (mut positions, mut rotations) = (Vec::new(), Vec::new());
+        for three in poses.windows(3) {
+            let [(t0, p0), (t1, p1), (t2, p2)] = [three[0], three[1], three[2]];
+            let steps = Steps { first_s: t1 - t0, second_s: t2 - t1 };
+            let (blocks, root) = ([p0, p1, p2], steps.mean_s().sqrt());
+            positions.push(Measurement { residual: Acceleration(steps), blocks, sigma: [first.acceleration_mps2 / root; 3] });
+            rotations.push(Measurement { residual: AngularAcceleration(steps), blocks, sigma: [first.angular_acceleration_rps2 / root; 3] });
+        }
+        let positions = builder.add_group("smooth position", Loss::Squared, positions);
+        let rotations = builder.add_group("smooth attitude", Loss::Squared, rotations);
+        for (group, first, is_rotation) in [
+            (positions, first.acceleration_mps2, false),
+            (rotations, first.angular_acceleration_rps2, true),
+        ] {
+            self.components.push(Component { body: body.clone(), group, first, is_rotation, is_estimated, last: None });
+        }
+    }
+
+    /// Whether any strength is estimated.
+    pub fn is_estimated(&self) -> bool {
+        self.components.iter().any(|c| c.is_estimated)
+    }
+
+    /// The groups.
+    pub fn groups(&self) -> impl Iterator<Item = GroupId> {
+        self.components.iter().map(|c| c.group)
+    }
+
+    /// The present strengths.
+    pub fn strengths(&self, system: &System) -> Vec<BodyStrength> {
+        let of = |c: &Component| c.first * system.sigma_factor(c.group);
+        self.components
+            .chunks_exact(2)
+            .filter(|pair| pair.iter().any(|c| system.rows(c.group) > 0))
+            .map(|pair| BodyStrength {
+                body: pair[0].body.clone(),
+                strength: MotionStrength {
+                    acceleration_mps2: of(&pair[0]),
+                    angular_acceleration_rps2: of(&pair[1]),
+                },
+                is_estimated: pair[0].is_estimated,
+            })
+            .collect()
+    }
+
+    /// Takes over the strengths of another system of the same problem.
+    pub fn copy(&self, system: &mut System, other: &Motion, other_system: &System) {
+        for (component, other) in self.components.iter().zip(&other.components) {
+            debug_assert_eq!((component.is_rotation, &component.body), (other.is_rotation, &other.body));
+            system.set_sigma_factor(component.group, other_system.sigma_factor(other.group));
+        }
+    }
+
+    /// One step of the estimation at `values`; returns the largest factor by which a strength changes.
+    pub fn estimate(&mut self, system: &mut System, minimiser: &mut Minimiser, values: &Values) -> Result<f64, NoSolution> {
+        let mut estimated: Vec<&mut Component> = self
+            .components
+            .iter_mut()
+            .filter(|c| c.is_estimated && system.rows(c.group) >= LEAST_ROWS)
+            .collect();
+        if estimated.is_empty() {
+            return Ok(1.0);
+        }
+        let (normal, cholesky) = minimiser.factors(system, values).map_err(|e| NoSolution(e.to_string()))?;
+        let n = normal.matrix.size();
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let mut products = Vec::with_capacity(n * PROBES * estimated.len());
+        for component in &estimated {
+            for _ in 0..PROBES {
+                let sign = |_| if rng.random::<bool>() { 1.0 } else { -1.0 };
+                let signs: Vec<f64> = (0..system.rows(component.group)).map(sign).collect();
+                products.extend(system.transposed_product(component.group, normal, &signs));
+            }
+        }
+        let mut solutions = products.clone();
+        cholesky.solve(&mut solutions);
+        let dots: Vec<f64> = products
+            .chunks_exact(n)
+            .zip(solutions.chunks_exact(n))
+            .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a * b).sum())
+            .collect();
+
+        let mut largest = 1.0_f64;
+        for (component, dots) in estimated.iter_mut().zip(dots.chunks_exact(PROBES)) {
+            let trace = dots.iter().sum::<f64>() / PROBES as f64;
+            let redundancy = system.rows(component.group) as f64 - trace;
+            let squares: f64 = system.squared_norms(component.group, values).into_iter().flatten().sum();
+            if redundancy < LEAST_REDUNDANCY {
+                continue;
+            }
+            let log_factor = 0.5 * (squares / redundancy).ln();
+            let power = component.power(log_factor);
+            component.last = Some((log_factor, power));
+            let before = system.sigma_factor(component.group);
+            let after = (before * (power * log_factor).exp()).clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1);
+            if std::env::var("DBG").is_ok() { println!("  {:?} rot {} rows {} trace {:.1} red {:.1} factor {:.3} power {power:.2} now {:.5}", component.body, component.is_rotation, system.rows(component.group), trace, redundancy, log_factor.exp(), component.first*after); }
+            system.set_sigma_factor(component.group, after);
+            largest = largest.max(after / before).max(before / after);
+        }
+        Ok(largest)
+    }
+}

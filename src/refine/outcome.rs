@@ -1,0 +1,262 @@
+//! What was solved and how well.
+
+use super::model::Model;
+use super::motion::BodyStrength;
+use crate::estimate::Estimate;
+use crate::initialise::intersect_target;
+use crate::nlls::linear::ordering::Rule;
+use crate::nlls::loss::Loss;
+use crate::nlls::minimise::{IterationRecord, Minimum, Stop};
+use crate::problem::{Problem, Role, Target};
+use nalgebra::{Vector2, Vector3};
+
+/// An image point this many standard deviations off (times the spread of all) is a gross error. Good
+/// ones get there once in half a million; the default loss rejects from here on.
+pub const OUTLIER_SIGMAS: f64 = 5.12;
+
+/// The statistics of an adjustment.
+#[derive(Clone, Debug)]
+pub struct Adjustment {
+    /// Why the last round stopped.
+    pub stop: Stop,
+    /// All rounds.
+    pub rounds: Vec<Round>,
+    /// Half the sum of `rho` of the start and of the end, both under the last round's losses.
+    pub initial_cost: f64,
+    /// See `initial_cost`.
+    pub final_cost: f64,
+    /// The loss of the last round.
+    pub image_loss: Loss,
+    /// Rows: two for each image point that is not rejected, and those of everything else.
+    pub observations: usize,
+    /// Numbers that were adjusted.
+    pub parameters: usize,
+    /// Rows minus parameters.
+    pub redundancy: i64,
+    /// Standard deviation of unit weight a posteriori (a priori 1); `None` without redundancy.
+    pub sigma0: Option<f64>,
+    /// Root mean square of the coordinates of image points that are not gross errors \[px\]: of
+    /// vehicles, of targets, of both.
+    pub rms_px: [Option<f64>; 3],
+    /// How each image point fits.
+    pub fits: Fits,
+    /// Spread of the whitened image points of vehicles after the approach.
+    pub spread: f64,
+    /// Motion priors.
+    pub motion: Vec<BodyStrength>,
+    /// Check points.
+    pub check_points: Vec<CheckPoint>,
+    /// In which order the unknowns were eliminated, and operations of one factorisation.
+    pub elimination: (Rule, f64),
+    /// What is odd.
+    pub warnings: Vec<String>,
+}
+
+/// One minimisation.
+#[derive(Clone, Debug)]
+pub struct Round {
+    /// What it was for.
+    pub name: &'static str,
+    /// Why it stopped.
+    pub stop: Stop,
+    /// Its iterations, the start first.
+    pub records: Vec<IterationRecord>,
+}
+
+/// How an image point fits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObservationFit {
+    /// Observed minus computed \[px\].
+    pub residual_px: Vector2<f64>,
+    /// What it weighs: 1 in full, 0 not at all.
+    pub weight: f64,
+    /// Whether it is a gross error.
+    pub is_outlier: bool,
+}
+
+/// How all image points of a problem fit an estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fits {
+    /// For each vehicle one for each of its observations; `None` where it was not used.
+    pub vehicles: Vec<Vec<Option<ObservationFit>>>,
+    /// One for each target observation. Those of check points weigh nothing.
+    pub targets: Vec<Option<ObservationFit>>,
+    /// Gross errors among them, without those of check points.
+    pub outliers: usize,
+    /// Those whose computed place is behind the camera.
+    pub behind_camera: usize,
+    /// Those of points that have no coordinates.
+    pub not_used: usize,
+}
+
+/// A surveyed target that the adjustment did not use.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CheckPoint {
+    /// Its id.
+    pub id: String,
+    /// Intersected from the adjusted cameras minus surveyed \[m\]; `None` where its rays do not meet.
+    pub difference_m: Option<Vector3<f64>>,
+}
+
+/// The end of the last round.
+pub struct End<'a> {
+    pub model: &'a Model,
+    pub minimum: Minimum,
+    pub rounds: Vec<Round>,
+    pub spread: f64,
+    pub image_loss: Loss,
+}
+
+impl Adjustment {
+    /// Iterations of all rounds.
+    pub fn iterations(&self) -> usize {
+        self.rounds.iter().map(|round| round.records.len() - 1).sum()
+    }
+}
+
+impl Fits {
+    /// The fits of an estimate under a loss; `spread` is what good image points scatter, in units of
+    /// their standard deviations.
+    pub fn new(problem: &Problem, estimate: &Estimate, image_loss: Loss, spread: f64) -> Fits {
+        let limit = OUTLIER_SIGMAS * spread.max(1.0);
+        let mut fits = Fits { vehicles: Vec::new(), targets: Vec::new(), outliers: 0, behind_camera: 0, not_used: 0 };
+        for (at, vehicle) in problem.vehicles.iter().enumerate() {
+            let found = &estimate.vehicles[at];
+            let mut of_vehicle = Vec::with_capacity(vehicle.observations.len());
+            for o in &vehicle.observations {
+                let is_used = found.left_out.is_none() && found.points[o.point].is_some();
+                let computed = is_used.then(|| estimate.vehicle_image_px(problem, at, o.frame, o.point));
+                let fit = fits.count(computed, o.image_px, o.sigma_px, image_loss, limit);
+                fits.outliers += usize::from(fit.is_some_and(|fit| fit.is_outlier));
+                of_vehicle.push(fit);
+            }
+            fits.vehicles.push(of_vehicle);
+        }
+        for o in &problem.target_observations {
+            let target = &problem.targets[o.target];
+            let position = match target.role {
+                Role::Control => estimate.targets[o.target],
+                Role::Check => target.surveyed(),
+            };
+            let computed = position.map(|p| estimate.target_image_px(problem, o.frame, &p));
+            let mut fit = fits.count(computed, o.image_px, o.sigma_px, image_loss, limit);
+            match (target.role, &mut fit) {
+                (Role::Control, Some(fit)) => fits.outliers += usize::from(fit.is_outlier),
+                (Role::Check, Some(fit)) => fit.weight = 0.0,
+                (_, None) => {}
+            }
+            fits.targets.push(fit);
+        }
+        fits
+    }
+
+    /// One fit; `computed` is `None` where the point has no coordinates.
+    fn count(
+        &mut self,
+        computed: Option<Option<Vector2<f64>>>,
+        observed_px: Vector2<f64>,
+        sigma_px: f64,
+        image_loss: Loss,
+        limit: f64,
+    ) -> Option<ObservationFit> {
+        match computed {
+            None => self.not_used += 1,
+            Some(None) => self.behind_camera += 1,
+            Some(Some(_)) => {}
+        }
+        let residual_px = observed_px - computed??;
+        let squared = residual_px.norm_squared() / (sigma_px * sigma_px);
+        Some(ObservationFit {
+            residual_px,
+            weight: image_loss.weight(squared),
+            is_outlier: squared > limit * limit,
+        })
+    }
+
+    /// Fits that took part and are not gross errors, with the standard deviations of their image
+    /// points \[px\]: of vehicles and of targets.
+    fn inside(&self, problem: &Problem) -> [Vec<(f64, ObservationFit)>; 2] {
+        let good = |sigma_px: f64, fit: &Option<ObservationFit>| {
+            fit.filter(|fit| !fit.is_outlier).map(|fit| (sigma_px, fit))
+        };
+        let of_vehicles = problem.vehicles.iter().zip(&self.vehicles).flat_map(|(vehicle, fits)| {
+            vehicle.observations.iter().zip(fits).filter_map(|(o, fit)| good(o.sigma_px, fit))
+        });
+        let of_targets = problem.target_observations.iter().zip(&self.targets).filter_map(|(o, fit)| {
+            let takes_part = problem.targets[o.target].role == Role::Control;
+            good(o.sigma_px, fit).filter(|_| takes_part)
+        });
+        [of_vehicles.collect(), of_targets.collect()]
+    }
+}
+
+/// The statistics of an adjustment.
+pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: End) -> Adjustment {
+    let End { model, minimum, rounds, spread, image_loss } = end;
+    let fits = Fits::new(problem, estimate, image_loss, spread);
+    let [of_vehicles, of_targets] = fits.inside(problem);
+    let both = [of_vehicles.as_slice(), &of_targets].concat();
+    let image_squares: f64 =
+        both.iter().map(|(sigma, fit)| fit.residual_px.norm_squared() / (sigma * sigma)).sum();
+
+    let (prior_rows, prior_squares) = model.prior_rows(&minimum.values);
+    let observations = 2 * both.len() + prior_rows;
+    let parameters = model.system.parameters();
+    let redundancy = observations as i64 - parameters as i64;
+    let ordering = model.system.pattern().ordering();
+    let mut warnings = model.warnings.clone();
+    if !minimum.stop.converged() {
+        warnings.push(format!("the adjustment has not converged: {}", minimum.stop));
+    }
+    if fits.behind_camera > 0 {
+        warnings.push(format!("{} image points belong to points behind the camera", fits.behind_camera));
+    }
+    if spread > 2.0 && both.len() >= 100 {
+        warnings.push(format!("image points of vehicles scatter {spread:.1} times as much as their sigmas say"));
+    }
+    Adjustment {
+        stop: minimum.stop,
+        rounds,
+        initial_cost: model.system.cost(&model.values(start)).value,
+        final_cost: minimum.cost.value,
+        image_loss,
+        observations,
+        parameters,
+        redundancy,
+        sigma0: (redundancy > 0).then(|| ((image_squares + prior_squares) / redundancy as f64).sqrt()),
+        rms_px: [rms_px(&of_vehicles), rms_px(&of_targets), rms_px(&both)],
+        fits,
+        spread,
+        motion: model.motion.strengths(&model.system),
+        check_points: check_points(problem, estimate),
+        elimination: (ordering.rule, ordering.flops),
+        warnings,
+    }
+}
+
+/// Root mean square of the coordinates.
+fn rms_px(fits: &[(f64, ObservationFit)]) -> Option<f64> {
+    let sum: f64 = fits.iter().map(|(_, fit)| fit.residual_px.norm_squared()).sum();
+    (!fits.is_empty()).then(|| (sum / (2 * fits.len()) as f64).sqrt())
+}
+
+fn check_points(problem: &Problem, estimate: &Estimate) -> Vec<CheckPoint> {
+    let check = |(at, target): (usize, &Target)| {
+        let surveyed = target.surveyed().filter(|_| target.role == Role::Check)?;
+        let found = intersect_target(problem, &estimate.camera_poses, at);
+        Some(CheckPoint { id: target.id.clone(), difference_m: found.map(|p| p - surveyed) })
+    };
+    problem.targets.iter().enumerate().filter_map(check).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nlls::loss::LossName;
+
+    #[test]
+    fn the_default_loss_rejects_what_counts_as_a_gross_error() {
+        assert_eq!(LossName::Tukey.default_scale(), OUTLIER_SIGMAS);
+        assert_eq!(crate::refine::RefineOptions::default().loss, LossName::Tukey);
+    }
+}

@@ -1,0 +1,188 @@
+//! The result folder: whole or not at all.
+
+use super::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The file by which a folder is known as a result.
+const REPORT: &str = "report.json";
+/// The key in it by which it is known as ours.
+pub const PROGRAM_KEY: &str = "program";
+/// Its value.
+pub const PROGRAM: &str = "trackbundle";
+
+/// A result folder in the making, beside its place. Dropped before [`Staged::publish`], it leaves
+/// nothing behind.
+#[derive(Debug)]
+pub struct Staged {
+    target: PathBuf,
+    stage: PathBuf,
+    /// Single files outside the folder: where they are made, where they go.
+    elsewhere: Vec<(PathBuf, PathBuf)>,
+}
+
+/// Why a place cannot take a result.
+#[derive(Debug, thiserror::Error)]
+pub enum PlaceError {
+    /// Something is there that is not a result, and it is not touched.
+    #[error("{0} exists and is not a result of trackbundle; it is left as it is (choose another place with --out)")]
+    Occupied(PathBuf),
+    /// The place cannot be used.
+    #[error("{path}: {source}")]
+    Io {
+        /// Where.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// Refuses a place where something stands that is not a result.
+pub fn check_place(target: &Path) -> Result<(), PlaceError> {
+    match std::fs::symlink_metadata(target) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(source) => Err(PlaceError::Io { path: target.to_owned(), source }),
+        Ok(_) if is_result(target) => Ok(()),
+        Ok(_) => Err(PlaceError::Occupied(target.to_owned())),
+    }
+}
+
+fn is_result(folder: &Path) -> bool {
+    let Ok(text) = std::fs::read_to_string(folder.join(REPORT)) else { return false };
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    report[PROGRAM_KEY] == PROGRAM
+}
+
+impl Staged {
+    /// Begins a result at `target`.
+    pub fn begin(target: &Path) -> Result<Self, PlaceError> {
+        check_place(target)?;
+        // A link to a result stays a link.
+        let target = std::fs::canonicalize(target).unwrap_or_else(|_| target.to_owned());
+        let stage = beside(&target, "partial");
+        let io = |source| PlaceError::Io { path: target.clone(), source };
+        if let Some(parent) = stage.parent() {
+            std::fs::create_dir_all(parent).map_err(io)?;
+        }
+        std::fs::create_dir(&stage).map_err(io)?;
+        Ok(Staged { target, stage, elsewhere: Vec::new() })
+    }
+
+    /// Where a file of the folder is made.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.stage.join(name)
+    }
+
+    /// Where a file that will appear at `target`, outside the folder, is made.
+    pub fn path_elsewhere(&mut self, target: &Path) -> PathBuf {
+        let stage = beside(target, "partial");
+        self.elsewhere.push((stage.clone(), target.to_owned()));
+        stage
+    }
+
+    /// Writes a file of the folder.
+    pub fn write(&self, (name, bytes): &File) -> io::Result<()> {
+        std::fs::write(self.path(name), bytes)
+    }
+
+    /// Puts everything in its place; a result that stood there is replaced.
+    pub fn publish(mut self) -> io::Result<PathBuf> {
+        let old = beside(&self.target, "old");
+        let replaces = std::fs::symlink_metadata(&self.target).is_ok();
+        if replaces {
+            std::fs::rename(&self.target, &old)?;
+        }
+        if let Err(error) = std::fs::rename(&self.stage, &self.target) {
+            if replaces {
+                std::fs::rename(&old, &self.target)?;
+            }
+            return Err(error);
+        }
+        for (stage, target) in std::mem::take(&mut self.elsewhere) {
+            std::fs::rename(stage, target)?;
+        }
+        if replaces {
+            std::fs::remove_dir_all(&old)?;
+        }
+        Ok(self.target.clone())
+    }
+}
+
+impl Drop for Staged {
+    fn drop(&mut self) {
+        // Nothing is left to do about a failure here.
+        let _ = std::fs::remove_dir_all(&self.stage);
+        for (stage, _) in &self.elsewhere {
+            let _ = std::fs::remove_file(stage);
+        }
+    }
+}
+
+/// A hidden place in the same folder, so that moving from there is one step.
+fn beside(target: &Path, what: &str) -> PathBuf {
+    let name = target.file_name().unwrap_or_default().to_string_lossy();
+    target.with_file_name(format!(".{name}.{what}-{}", std::process::id()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    fn file(name: &str, text: &str) -> File {
+        (name.to_owned(), text.as_bytes().to_vec())
+    }
+
+    #[test]
+    fn a_result_appears_whole_and_replaces_an_older_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("deep/result");
+        for text in ["one", "two"] {
+            let staged = Staged::begin(&target).unwrap();
+            staged.write(&file(REPORT, &format!("{{\"program\": \"trackbundle\", \"n\": \"{text}\"}}"))).unwrap();
+            staged.write(&file(text, text)).unwrap();
+            assert!(!target.join(text).exists());
+            staged.publish().unwrap();
+            assert_eq!(names(&target), [text, REPORT].map(String::from).to_vec().tap_sort());
+            assert_eq!(names(target.parent().unwrap()), ["result"]);
+        }
+    }
+
+    #[test]
+    fn what_is_given_up_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut staged = Staged::begin(&folder.path().join("result")).unwrap();
+        staged.write(&file("a", "b")).unwrap();
+        let elsewhere = staged.path_elsewhere(&folder.path().join("x.rrd"));
+        std::fs::write(elsewhere, "half").unwrap();
+        drop(staged);
+        assert!(names(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn a_folder_that_is_no_result_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "empty");
+        std::fs::write(folder.path().join(REPORT), "{\"program\": \"other\"}").unwrap();
+        assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "another's");
+        assert_eq!(names(folder.path()), [REPORT]);
+    }
+
+    trait TapSort {
+        fn tap_sort(self) -> Self;
+    }
+    impl TapSort for Vec<String> {
+        fn tap_sort(mut self) -> Self {
+            self.sort();
+            self
+        }
+    }
+}

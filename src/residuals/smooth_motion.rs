@@ -1,0 +1,119 @@
+//! Smooth motion of a camera or a vehicle: its acceleration over three neighbouring frames.
+//!
+//! ```text
+//! position   r = ((p2 - p1)/b - (p1 - p0)/a) / ((a + b)/2)                      [m/s^2]
+//! attitude   r = (log(R1^T R2)/b - log(R0^T R1)/a) / ((a + b)/2)                [rad/s^2]
+//! ```
+//!
+//! with the times `a`, `b` between them. White noise of spectral density `q` on the acceleration
+//! makes its mean over a time `h` scatter by `sqrt(q / h)`, so that a prior of one strength fits any
+//! frame rate, irregular times and gaps. `sqrt(q)` is the scatter of the mean over one second.
+
+use crate::geometry::rotation::{log, right_jacobian_inverse};
+use crate::nlls::manifold::{Manifold, read_pose};
+use crate::nlls::residual::{Jacobian, Residual};
+use nalgebra::{Matrix3, Vector3};
+
+/// The times between three neighbouring frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps {
+    /// From the first to the second \[s\].
+    pub first_s: f64,
+    /// From the second to the third \[s\].
+    pub second_s: f64,
+}
+
+impl Steps {
+    /// Over what time the acceleration is a mean \[s\].
+    pub fn mean_s(&self) -> f64 {
+        0.5 * (self.first_s + self.second_s)
+    }
+}
+
+/// Blocks: three poses in time order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Acceleration(
+    /// The times between them.
+    pub Steps,
+);
+
+/// Blocks: three poses in time order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AngularAcceleration(
+    /// The times between them.
+    pub Steps,
+);
+
+impl Residual<3, 3> for Acceleration {
+    const MANIFOLDS: [Manifold; 3] = [Manifold::Pose; 3];
+
+    fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<3, 3>>) -> Option<Vector3<f64>> {
+        let Steps { first_s, second_s } = self.0;
+        let [p0, p1, p2] = x.map(|x| read_pose(x).translation.vector);
+        let (before, after) = (1.0 / (first_s * self.0.mean_s()), 1.0 / (second_s * self.0.mean_s()));
+        if let Some(jacobian) = jacobian {
+            jacobian.set(0, 0, &(Matrix3::identity() * before));
+            jacobian.set(1, 0, &(Matrix3::identity() * -(before + after)));
+            jacobian.set(2, 0, &(Matrix3::identity() * after));
+        }
+        Some((p2 - p1) * after - (p1 - p0) * before)
+    }
+}
+
+impl Residual<3, 3> for AngularAcceleration {
+    const MANIFOLDS: [Manifold; 3] = [Manifold::Pose; 3];
+
+    fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<3, 3>>) -> Option<Vector3<f64>> {
+        let Steps { first_s, second_s } = self.0;
+        let [r0, r1, r2] = x.map(|x| read_pose(x).rotation);
+        let (before, after) = (1.0 / (first_s * self.0.mean_s()), 1.0 / (second_s * self.0.mean_s()));
+        let (first, second) = (log(&(r0.inverse() * r1)), log(&(r1.inverse() * r2)));
+        if let Some(jacobian) = jacobian {
+            // log((R exp(a))^T S exp(b)) = phi - Jr^-1(phi)^T a + Jr^-1(phi) b to first order.
+            let (j1, j2) = (right_jacobian_inverse(&first), right_jacobian_inverse(&second));
+            jacobian.set(0, 3, &(j1.transpose() * before));
+            jacobian.set(1, 3, &-(j2.transpose() * after + j1 * before));
+            jacobian.set(2, 3, &(j2 * after));
+        }
+        Some(second * after - first * before)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{assert_jacobian, vehicle_poses};
+    use super::*;
+    use crate::geometry::{Pose, pose, rotation::exp};
+    use crate::nlls::manifold::write_pose;
+
+    const STEPS: Steps = Steps { first_s: 0.7, second_s: 1.1 };
+
+    #[test]
+    fn the_jacobian_is_that_of_its_differences() {
+        let poses = vehicle_poses().map(|p| write_pose(&p));
+        for (i, j, k) in [(0, 1, 2), (2, 0, 1), (1, 2, 0), (0, 0, 1), (2, 2, 2)] {
+            let x = [poses[i].as_slice(), &poses[j], &poses[k]];
+            assert_jacobian(&Acceleration(STEPS), &x);
+            assert_jacobian(&AngularAcceleration(STEPS), &x);
+        }
+    }
+
+    #[test]
+    fn constant_acceleration_is_found_at_uneven_times() {
+        let (acceleration, turn) = (Vector3::new(0.5, -2.0, 0.1), Vector3::z() * 0.3);
+        let at = |time: f64| -> [f64; 7] {
+            let start = pose([1.0, 2.0, 3.0], [0.9, 0.1, 0.0, 0.3]);
+            let moved = Vector3::new(8.0, 1.0, 0.0) * time + acceleration * (0.5 * time * time);
+            write_pose(&Pose::from_parts(
+                (start.translation.vector + moved).into(),
+                start.rotation * exp(&(turn * (0.5 * time * time))),
+            ))
+        };
+        let x = (at(0.0), at(0.7), at(1.8));
+        let x = [x.0.as_slice(), &x.1, &x.2];
+        let found = Acceleration(STEPS).evaluate(&x, None).unwrap();
+        assert!((found - acceleration).norm() < 1e-12);
+        let found = AngularAcceleration(STEPS).evaluate(&x, None).unwrap();
+        assert!((found - turn).norm() < 1e-12);
+    }
+}
