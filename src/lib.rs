@@ -1,13 +1,34 @@
-//! scratch
-pub mod camera;
-pub mod estimate;
+//! Bundle adjustment of moving vehicles filmed from a small drone.
+//!
+//! From image points of vehicles, surveyed targets, a calibrated camera and a terrain: 3D shapes of
+//! the vehicles, their poses and tracks, and the path of the camera, adjusted together.
+//!
+//! ```text
+//! problem folder -> files -> Problem -> initialise -> Estimate -> refine -> Estimate + Adjustment -> report
+//!                                                                   nlls                          -> scene
+//! ```
+//!
+//! Modules stand in the order of their floors, lowest first; each may use those above it here only
+//! as far as `tests/floor_plan.rs` says.
+
 pub mod geometry;
-pub mod nlls;
-pub mod problem;
-pub mod residuals;
-pub mod terrain;
-pub mod files;
 pub mod tables;
+
+pub mod camera;
+pub mod nlls;
+pub mod terrain;
+
+pub mod problem;
+pub mod reference;
+pub mod residuals;
+
+pub mod estimate;
+
+pub mod files;
 pub mod initialise;
 pub mod refine;
+
 pub mod report;
+pub mod scene;
+
+pub mod cli;

@@ -1,2 +1,7 @@
-//! x
-fn main(){}
+//! The program `trackbundle`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    trackbundle::cli::run()
+}

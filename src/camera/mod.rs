@@ -62,10 +62,7 @@ impl Camera {
             Lens::Brown(lens) => (lens.distort(&ray)?, lens.distort_jacobian(&ray) * ray_by_point),
         };
         let scale = Matrix2::from_diagonal(&self.focal_px);
-        Some((
-            self.focal_px.component_mul(&distorted) + self.principal_px,
-            scale * distorted_by_point,
-        ))
+        Some((self.focal_px.component_mul(&distorted) + self.principal_px, scale * distorted_by_point))
     }
 
     /// The direction `(x/z, y/z)` that a pixel looks along, the distortion removed; `None` where no

@@ -44,14 +44,25 @@ pub struct TrackPoint {
 impl Estimate {
     /// Computed image point of a point of a vehicle; `None` where one of its unknowns has no value
     /// or the camera does not see it.
-    pub fn vehicle_image_px(&self, problem: &Problem, vehicle: usize, frame: usize, point: usize) -> Option<Vector2<f64>> {
+    pub fn vehicle_image_px(
+        &self,
+        problem: &Problem,
+        vehicle: usize,
+        frame: usize,
+        point: usize,
+    ) -> Option<Vector2<f64>> {
         let estimate = &self.vehicles[vehicle];
         let in_world = estimate.poses[frame]? * estimate.points[point]?;
         problem.camera.project(&self.camera_poses[frame].inverse_transform_point(&in_world).coords)
     }
 
     /// Computed image point of a target at `position`.
-    pub fn target_image_px(&self, problem: &Problem, frame: usize, position: &Point3<f64>) -> Option<Vector2<f64>> {
+    pub fn target_image_px(
+        &self,
+        problem: &Problem,
+        frame: usize,
+        position: &Point3<f64>,
+    ) -> Option<Vector2<f64>> {
         problem.camera.project(&self.camera_poses[frame].inverse_transform_point(position).coords)
     }
 }

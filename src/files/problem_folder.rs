@@ -7,8 +7,7 @@ use super::rows::{
 };
 use crate::geometry::{self, Pose};
 use crate::problem::{
-    Frame, Known, Problem, Role, ShapePoint, Target, TargetObservation, Vehicle,
-    VehicleObservation,
+    Frame, Known, Problem, Role, ShapePoint, Target, TargetObservation, Vehicle, VehicleObservation,
 };
 use crate::tables::{self, Finding, Findings, Line, Row};
 use nalgebra::{Vector2, Vector4};
@@ -207,7 +206,13 @@ impl Reader<'_> {
                 && !vehicle_observations.points.contains(&(vehicle.id.as_str(), marker.as_str()))
             {
                 let wanted = "a point that is observed";
-                self.findings.error(Finding::of_cell(problem_toml::FILE, *line, "vehicle.marker", wanted, marker));
+                self.findings.error(Finding::of_cell(
+                    problem_toml::FILE,
+                    *line,
+                    "vehicle.marker",
+                    wanted,
+                    marker,
+                ));
             }
         }
         Some(Checked {
@@ -287,14 +292,18 @@ impl Reader<'_> {
             return poses;
         };
         for Line { line, row } in rows {
-            let pose = self.pose(CAMERA_POSES, *line, [row.x, row.y, row.z], [row.qw, row.qx, row.qy, row.qz]);
+            let pose =
+                self.pose(CAMERA_POSES, *line, [row.x, row.y, row.z], [row.qw, row.qx, row.qy, row.qz]);
             let Some(frame) = self.frame(CAMERA_POSES, *line, row.frame, index) else { continue };
             if poses.insert(frame, pose).is_some() {
                 self.cell(CAMERA_POSES, *line, "frame", "a frame that has one pose", row.frame);
             }
         }
         // A frame without a pose can be resected where enough control targets are seen in it.
-        let control: HashSet<&str> = tables.targets.iter().flatten()
+        let control: HashSet<&str> = tables
+            .targets
+            .iter()
+            .flatten()
             .filter(|l| [l.row.x, l.row.y, l.row.z].iter().all(Option::is_some))
             .filter(|l| l.row.role.as_deref() != Some("check"))
             .map(|l| l.row.target.as_str())
@@ -306,7 +315,8 @@ impl Reader<'_> {
         for Line { row, .. } in tables.frames.iter().flatten() {
             let missing = index.frames.get(&row.frame).is_some_and(|frame| !poses.contains_key(frame));
             if missing && seen.get(&row.frame).copied().unwrap_or(0) < RESECTION_TARGETS {
-                let wanted = format!("a pose of frame {} (it sees too few targets to be resected)", row.frame);
+                let wanted =
+                    format!("a pose of frame {} (it sees too few targets to be resected)", row.frame);
                 self.findings.error(Finding::of_file(CAMERA_POSES, &wanted, "none"));
             }
         }
@@ -342,7 +352,12 @@ impl Reader<'_> {
         targets
     }
 
-    fn check_target_observations(&mut self, tables: &Tables, index: &Index, targets: &[Target]) -> Vec<TargetObservation> {
+    fn check_target_observations(
+        &mut self,
+        tables: &Tables,
+        index: &Index,
+        targets: &[Target],
+    ) -> Vec<TargetObservation> {
         if self.is_there(TARGETS) && !self.is_there(TARGET_OBSERVATIONS) {
             let wanted = "the image points of targets.csv";
             self.findings.error(Finding::of_file(TARGET_OBSERVATIONS, wanted, "nothing"));
@@ -403,7 +418,8 @@ impl Reader<'_> {
         let mut poses = HashMap::new();
         let Some(rows) = &tables.vehicle_poses else { return poses };
         for Line { line, row } in rows {
-            let pose = self.pose(VEHICLE_POSES, *line, [row.x, row.y, row.z], [row.qw, row.qx, row.qy, row.qz]);
+            let pose =
+                self.pose(VEHICLE_POSES, *line, [row.x, row.y, row.z], [row.qw, row.qx, row.qy, row.qz]);
             let frame = self.frame(VEHICLE_POSES, *line, row.frame, index);
             let vehicle = self.vehicle(VEHICLE_POSES, *line, &row.vehicle, index);
             let (Some(frame), Some(vehicle)) = (frame, vehicle) else { continue };
@@ -429,12 +445,18 @@ impl Reader<'_> {
         poses
     }
 
-    fn check_known_points<'t>(&mut self, tables: &'t Tables, index: &Index, observed: &Observed) -> HashMap<(usize, &'t str), [Option<Known>; 3]> {
+    fn check_known_points<'t>(
+        &mut self,
+        tables: &'t Tables,
+        index: &Index,
+        observed: &Observed,
+    ) -> HashMap<(usize, &'t str), [Option<Known>; 3]> {
         let mut points = HashMap::new();
         let mut without_sigma = 0;
         for Line { line, row } in tables.known_points.iter().flatten() {
             let Some(vehicle) = self.vehicle(VEHICLE_POINTS, *line, &row.vehicle, index) else { continue };
-            if tables.vehicle_observations.is_some() && !observed.points.contains(&(&row.vehicle, &row.point)) {
+            if tables.vehicle_observations.is_some() && !observed.points.contains(&(&row.vehicle, &row.point))
+            {
                 self.cell(VEHICLE_POINTS, *line, "point", "a point that is observed", &row.point);
             }
             let sigmas = [row.sigma_x.0, row.sigma_y.0, row.sigma_z.0];
@@ -455,7 +477,8 @@ impl Reader<'_> {
         let mut seen = HashSet::new();
         for Line { line, row } in tables.gnss.iter().flatten() {
             self.vehicle(GNSS_OBSERVATIONS, *line, &row.vehicle, index);
-            if tables.vehicle_observations.is_some() && !observed.points.contains(&(&row.vehicle, &row.point)) {
+            if tables.vehicle_observations.is_some() && !observed.points.contains(&(&row.vehicle, &row.point))
+            {
                 self.cell(GNSS_OBSERVATIONS, *line, "point", "a point that is observed", &row.point);
             }
             if !seen.insert((&row.vehicle, &row.point, row.time_s.to_bits())) {
@@ -476,7 +499,12 @@ fn positions<'a>(ids: &[&'a str]) -> HashMap<&'a str, usize> {
     ids.iter().enumerate().map(|(at, id)| (*id, at)).collect()
 }
 
-fn known(coordinates: [Option<f64>; 3], sigmas: [Option<f64>; 3], default_m: f64, without: &mut usize) -> [Option<Known>; 3] {
+fn known(
+    coordinates: [Option<f64>; 3],
+    sigmas: [Option<f64>; 3],
+    default_m: f64,
+    without: &mut usize,
+) -> [Option<Known>; 3] {
     std::array::from_fn(|axis| {
         let value_m = coordinates[axis]?;
         if sigmas[axis].is_none() {
@@ -573,7 +601,9 @@ impl Checked<'_> {
             not_supported.push(format!("spatial resection ({without_pose} frames have no camera pose)"));
         }
         if !self.has_vehicle_poses {
-            not_supported.push("vehicle poses from ray-terrain intersection (there is no vehicle_poses.csv)".to_owned());
+            not_supported.push(
+                "vehicle poses from ray-terrain intersection (there is no vehicle_poses.csv)".to_owned(),
+            );
         }
         if self.has_gnss {
             not_supported.push("GNSS positions as observations (observations/gnss.csv)".to_owned());
@@ -616,7 +646,9 @@ impl Checked<'_> {
                 height: settings.height,
                 points: ids.iter().map(shape_point).collect(),
                 observations: Vec::new(),
-                poses: (0..self.frames.len()).map(|frame| self.vehicle_poses.get(&(at, frame)).copied()).collect(),
+                poses: (0..self.frames.len())
+                    .map(|frame| self.vehicle_poses.get(&(at, frame)).copied())
+                    .collect(),
             });
             indices.push(index);
         }
@@ -654,7 +686,8 @@ impl Checked<'_> {
         let is_control = |t: &Target| t.role == Role::Control && t.known.iter().any(Option::is_some);
         let mut control_per_frame = vec![0; self.frames.len()];
         for observation in &self.target_observations {
-            control_per_frame[observation.frame] += usize::from(is_control(&self.targets[observation.target]));
+            control_per_frame[observation.frame] +=
+                usize::from(is_control(&self.targets[observation.target]));
         }
         let check = self.targets.iter().filter(|t| t.role == Role::Check).count();
         let control = self.targets.iter().filter(|t| is_control(t)).count();

@@ -92,10 +92,14 @@ fn read(top: &Section, not_supported: &mut Vec<String>) -> Option<Settings> {
 }
 
 fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Camera> {
-    let size = |key| camera.required(key, "a size above 0", || {
-        let whole = "a whole number above 0";
-        camera.number(key, whole, |v| v > 0.0 && v.fract() == 0.0 && v <= f64::from(u32::MAX)).map(|v| v as u32)
-    });
+    let size = |key| {
+        camera.required(key, "a size above 0", || {
+            let whole = "a whole number above 0";
+            camera
+                .number(key, whole, |v| v > 0.0 && v.fract() == 0.0 && v <= f64::from(u32::MAX))
+                .map(|v| v as u32)
+        })
+    };
     let positive = |key| camera.required(key, "a focal length above 0", || camera.positive(key));
     let number = |key| camera.required(key, "a finite number", || camera.any_number(key));
     let size_px = (size("width"), size("height"));
@@ -175,7 +179,11 @@ fn pose_sigma(position_m: Option<f64>, rotation_deg: Option<f64>, tilt_share: f6
     PoseSigma { position_m, rotation_rad: [about(tilt_share), about(tilt_share), about(1.0)] }
 }
 
-fn read_terrain(terrain: &Section, files: &mut Vec<String>, not_supported: &mut Vec<String>) -> Option<GroundKnowledge> {
+fn read_terrain(
+    terrain: &Section,
+    files: &mut Vec<String>,
+    not_supported: &mut Vec<String>,
+) -> Option<GroundKnowledge> {
     let plane_z = terrain.any_number("plane_z");
     let grid = terrain.text("grid");
     let sigma_m = terrain.not_negative("sigma_m").unwrap_or(0.02);
@@ -211,11 +219,7 @@ fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
     if vehicle.has("height_sigma_m") && !vehicle.has("height_m") {
         vehicle.warn("height_sigma_m", "has no effect without height_m");
     }
-    Some(VehicleSettings {
-        id: id?,
-        marker,
-        height: height_m.map(|value_m| Known { value_m, sigma_m }),
-    })
+    Some(VehicleSettings { id: id?, marker, height: height_m.map(|value_m| Known { value_m, sigma_m }) })
 }
 
 #[cfg(test)]

@@ -144,7 +144,12 @@ impl<'d, 't> Section<'d, 't> {
     }
 
     /// A value that must be there.
-    pub fn required<T>(&self, key: &'static str, wanted: &str, read: impl FnOnce() -> Option<T>) -> Option<T> {
+    pub fn required<T>(
+        &self,
+        key: &'static str,
+        wanted: &str,
+        read: impl FnOnce() -> Option<T>,
+    ) -> Option<T> {
         if self.value(key).is_none() {
             self.error(key, wanted);
             return None;
@@ -185,7 +190,12 @@ impl<'d, 't> Section<'d, 't> {
         })
     }
 
-    fn read_table<T>(&self, value: &Spanned<DeValue<'d>>, path: String, read: impl FnOnce(&Section) -> T) -> Option<T> {
+    fn read_table<T>(
+        &self,
+        value: &Spanned<DeValue<'d>>,
+        path: String,
+        read: impl FnOnce(&Section) -> T,
+    ) -> Option<T> {
         let section = Section {
             document: self.document,
             table: value.get_ref().as_table()?,

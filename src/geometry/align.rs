@@ -14,11 +14,8 @@ pub fn rigid_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Pose> {
         return None;
     }
     let (from_mean, to_mean) = (centroid(from), centroid(to));
-    let covariance: Matrix3<f64> = from
-        .iter()
-        .zip(to)
-        .map(|(a, b)| (b.coords - to_mean) * (a.coords - from_mean).transpose())
-        .sum();
+    let covariance: Matrix3<f64> =
+        from.iter().zip(to).map(|(a, b)| (b.coords - to_mean) * (a.coords - from_mean).transpose()).sum();
     let svd = covariance.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
     let mut singular = svd.singular_values.as_slice().to_vec();

@@ -36,20 +36,14 @@ pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
 pub fn heading_rad(world_from_body: &Pose) -> f64 {
     let forward = world_from_body.rotation * Vector3::x();
     let heading = forward.y.atan2(forward.x);
-    if heading <= -std::f64::consts::PI {
-        std::f64::consts::PI
-    } else {
-        heading
-    }
+    if heading <= -std::f64::consts::PI { std::f64::consts::PI } else { heading }
 }
 
 /// The pose at `fraction` of the way from `a` to `b`: position linear, attitude on the shortest arc.
 pub fn interpolate(a: &Pose, b: &Pose, fraction: f64) -> Pose {
     let turn = rotation::log(&(a.rotation.inverse() * b.rotation));
     Pose::from_parts(
-        Translation3::from(
-            a.translation.vector + fraction * (b.translation.vector - a.translation.vector),
-        ),
+        Translation3::from(a.translation.vector + fraction * (b.translation.vector - a.translation.vector)),
         a.rotation * rotation::exp(&(fraction * turn)),
     )
 }
@@ -67,13 +61,7 @@ mod tests {
             ))
             .to_degrees()
         };
-        for (given, wanted) in [
-            (0.0, 0.0),
-            (90.0, 90.0),
-            (-90.0, -90.0),
-            (200.0, -160.0),
-            (-180.0, 180.0),
-        ] {
+        for (given, wanted) in [(0.0, 0.0), (90.0, 90.0), (-90.0, -90.0), (200.0, -160.0), (-180.0, 180.0)] {
             assert!((at(given) - wanted).abs() < 1e-9, "{given}: {}", at(given));
         }
     }

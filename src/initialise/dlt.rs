@@ -151,7 +151,8 @@ mod tests {
             .map(|frame| {
                 let time = f64::from(frame) / 30.0;
                 let world_from_camera = pose([-20.0, 0.5 * time, 60.0], [0.12, -0.69, 0.70, -0.12]);
-                let mut world_from_body = pose([2.0 - time, 20.0 - 9.0 * time, 0.02], [0.67, -0.02, -0.01, -0.74]);
+                let mut world_from_body =
+                    pose([2.0 - time, 20.0 - 9.0 * time, 0.02], [0.67, -0.02, -0.01, -0.74]);
                 world_from_body.rotation *= exp(&(Vector3::z() * (0.2 * time)));
                 let camera_from_body = world_from_camera.inverse() * world_from_body;
                 let in_camera = camera_from_body * point;

@@ -68,11 +68,13 @@ pub fn initialise(problem: &Problem, method: Method) -> Initial {
     };
     for (at, target) in problem.targets.iter().enumerate() {
         let surveyed = target.surveyed().filter(|_| target.role == Role::Control);
-        estimate.targets[at] =
-            surveyed.or_else(|| intersect_target(problem, &estimate.camera_poses, at));
+        estimate.targets[at] = surveyed.or_else(|| intersect_target(problem, &estimate.camera_poses, at));
         let seen = problem.target_observations.iter().any(|o| o.target == at);
         if seen && target.role == Role::Control && estimate.targets[at].is_none() {
-            warnings.push(format!("target {}: its rays are too nearly parallel to meet in a point; it is left out", target.id));
+            warnings.push(format!(
+                "target {}: its rays are too nearly parallel to meet in a point; it is left out",
+                target.id
+            ));
         }
     }
     Initial { estimate, robust_points, warnings }
@@ -83,7 +85,12 @@ struct Fit {
     robust: bool,
 }
 
-fn shape(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate, method: Method) -> Vec<Option<Fit>> {
+fn shape(
+    problem: &Problem,
+    vehicle: &Vehicle,
+    estimate: &VehicleEstimate,
+    method: Method,
+) -> Vec<Option<Fit>> {
     let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); vehicle.points.len()];
     for observation in &vehicle.observations {
         let Some(ray) = problem.camera.ray(&observation.image_px) else { continue };
@@ -141,7 +148,8 @@ pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize)
     }
     let linear = LinearPoint::new(&sightings, &known);
     let plain = linear.solve()?;
-    let distance_m = sightings.iter().map(|s| (s.camera_from_body * plain).coords.norm()).fold(f64::INFINITY, f64::min);
+    let distance_m =
+        sightings.iter().map(|s| (s.camera_from_body * plain).coords.norm()).fold(f64::INFINITY, f64::min);
     if linear.largest_sigma_m() > LEAST_PARALLAX * distance_m {
         return None;
     }
@@ -160,7 +168,9 @@ fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleE
     } else if several < needed {
         Some(format!("{several} of its points are seen in two frames or more, {needed} are needed"))
     } else if found < needed {
-        Some(format!("{found} of its points have rays that meet, {needed} are needed: seen from one side only?"))
+        Some(format!(
+            "{found} of its points have rays that meet, {needed} are needed: seen from one side only?"
+        ))
     } else {
         None
     }
@@ -174,15 +184,24 @@ fn warn_of_points(vehicle: &Vehicle, estimate: &VehicleEstimate, warnings: &mut 
     let determinable = vehicle.determinable();
     let single = determinable.iter().filter(|d| !**d).count();
     if single > 0 {
-        warnings.push(format!("vehicle {}: {single} points are seen in one frame only and get no coordinates", vehicle.id));
+        warnings.push(format!(
+            "vehicle {}: {single} points are seen in one frame only and get no coordinates",
+            vehicle.id
+        ));
     }
     let lost = determinable.iter().zip(&estimate.points).filter(|(d, p)| **d && p.is_none()).count();
     if lost > 0 {
-        warnings.push(format!("vehicle {}: the rays of {lost} points do not meet; they get no coordinates", vehicle.id));
+        warnings.push(format!(
+            "vehicle {}: the rays of {lost} points do not meet; they get no coordinates",
+            vehicle.id
+        ));
     }
     if let Some(marker) = vehicle.marker
         && estimate.points[marker].is_none()
     {
-        warnings.push(format!("vehicle {}: its marker has no coordinates; the track is that of the origin", vehicle.id));
+        warnings.push(format!(
+            "vehicle {}: its marker has no coordinates; the track is that of the origin",
+            vehicle.id
+        ));
     }
 }

@@ -15,8 +15,8 @@ use super::dlt::LinearPoint;
 use crate::residuals::inside_body::BODY_BOX_M;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
-    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT,
-    SolverStatus, SupportedConeT,
+    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus,
+    SupportedConeT,
 };
 use nalgebra::Point3;
 
@@ -188,7 +188,11 @@ mod tests {
         let (linear, truth) = example(true);
         let known = LinearPoint::new(&[], &[None, None, Some(Known { value_m: 1.3, sigma_m: 0.0 })]);
         let rows = linear.rows.nrows();
-        let mut both = LinearPoint { rows: linear.rows.insert_row(rows, 0.0), right: linear.right.insert_row(rows, 0.0), ..linear };
+        let mut both = LinearPoint {
+            rows: linear.rows.insert_row(rows, 0.0),
+            right: linear.right.insert_row(rows, 0.0),
+            ..linear
+        };
         both.rows.set_row(rows, &known.rows.row(0));
         both.right[rows] = known.right[0];
         let found = solve(&both, 1.5).unwrap();

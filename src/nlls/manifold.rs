@@ -74,12 +74,8 @@ impl Manifold {
 /// The perturbation that moves `x` to `y`: `[position in the world; log(Rx^T Ry)]` \[m, rad\].
 pub fn pose_minus(y: &Pose, x: &Pose) -> Vector6<f64> {
     let mut delta = Vector6::zeros();
-    delta
-        .fixed_rows_mut::<3>(0)
-        .copy_from(&(y.translation.vector - x.translation.vector));
-    delta
-        .fixed_rows_mut::<3>(3)
-        .copy_from(&log(&(x.rotation.inverse() * y.rotation)));
+    delta.fixed_rows_mut::<3>(0).copy_from(&(y.translation.vector - x.translation.vector));
+    delta.fixed_rows_mut::<3>(3).copy_from(&log(&(x.rotation.inverse() * y.rotation)));
     delta
 }
 
@@ -87,9 +83,7 @@ pub fn pose_minus(y: &Pose, x: &Pose) -> Vector6<f64> {
 pub fn pose_minus_jacobian(y: &Pose, x: &Pose) -> Matrix6<f64> {
     let mut jacobian = Matrix6::identity();
     let turn = log(&(x.rotation.inverse() * y.rotation));
-    jacobian
-        .fixed_view_mut::<3, 3>(3, 3)
-        .copy_from(&right_jacobian_inverse(&turn));
+    jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&right_jacobian_inverse(&turn));
     jacobian
 }
 
@@ -129,9 +123,8 @@ mod tests {
             manifold.minus(y, x, &mut out);
             out
         };
-        let gap = |a: &[f64], b: &[f64]| -> f64 {
-            a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-        };
+        let gap =
+            |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) };
         assert!(gap(&moved(x, &vec![0.0; delta.len()]), x) < 1e-15, "x + 0 = x");
         let y = moved(x, delta);
         assert!(gap(&difference(&y, x), delta) < 1e-12, "(x + d) - x = d");

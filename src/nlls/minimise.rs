@@ -16,9 +16,7 @@ use super::linear::cholesky::{Cholesky, Singular, TooLarge};
 use super::linear::matrix::BlockMatrix;
 use super::system::{Cost, Normal, System, Values};
 use argmin::core::observers::{Observe, ObserverMode};
-use argmin::core::{
-    Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus,
-};
+use argmin::core::{Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use std::collections::HashMap;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -217,7 +215,11 @@ impl Minimiser {
 
     /// The linearisation at the last values that a step was made from, and the factor of its normal
     /// matrix. Nothing but a step that was hardly damped lies between them and the minimum.
-    pub fn factors(&mut self, system: &System, values: &Values) -> Result<(&Normal, &mut Cholesky), Singular> {
+    pub fn factors(
+        &mut self,
+        system: &System,
+        values: &Values,
+    ) -> Result<(&Normal, &mut Cholesky), Singular> {
         if self.factor_damping > HARDLY_DAMPED {
             system.linearise(values, &mut self.normal);
             self.linearised = true;
@@ -229,8 +231,7 @@ impl Minimiser {
 
     /// The damped step and the diagonal that scales it; `None` where the system cannot be solved.
     fn step(&mut self) -> Option<(Vec<f64>, Vec<f64>)> {
-        let scale: Vec<f64> =
-            self.normal.matrix.diagonal().iter().map(|d| d.clamp(1e-12, 1e32)).collect();
+        let scale: Vec<f64> = self.normal.matrix.diagonal().iter().map(|d| d.clamp(1e-12, 1e32)).collect();
         let extra: Vec<f64> = scale.iter().map(|d| d * self.damping).collect();
         self.damped.copy_with_diagonal(&self.normal.matrix, &extra);
         self.factor_damping = f64::INFINITY;
@@ -296,8 +297,7 @@ impl Minimiser {
             state.values = Some(trial);
             state.cost = trial_cost;
             self.accept(record.gain);
-            let stop = (hardly_damped && relative < limit)
-                .then_some(Stop::SmallDecrease { relative, limit });
+            let stop = (hardly_damped && relative < limit).then_some(Stop::SmallDecrease { relative, limit });
             (record, stop)
         } else if predicted <= rounding {
             let relative = predicted / state.cost.value.max(f64::MIN_POSITIVE);
@@ -314,7 +314,11 @@ impl Solver<&System, LmState> for &mut Minimiser {
         "Levenberg-Marquardt"
     }
 
-    fn init(&mut self, problem: &mut Problem<&System>, mut state: LmState) -> Result<(LmState, Option<KV>), Error> {
+    fn init(
+        &mut self,
+        problem: &mut Problem<&System>,
+        mut state: LmState,
+    ) -> Result<(LmState, Option<KV>), Error> {
         let begin = Instant::now();
         state.cost = problem.problem("cost_count", |system| {
             Ok(system.cost(state.values.as_ref().expect("set at the start")))
@@ -330,7 +334,11 @@ impl Solver<&System, LmState> for &mut Minimiser {
         Ok((state, None))
     }
 
-    fn next_iter(&mut self, problem: &mut Problem<&System>, mut state: LmState) -> Result<(LmState, Option<KV>), Error> {
+    fn next_iter(
+        &mut self,
+        problem: &mut Problem<&System>,
+        mut state: LmState,
+    ) -> Result<(LmState, Option<KV>), Error> {
         let begin = Instant::now();
         let (mut record, stop) =
             problem.problem("step_count", |system| Ok(self.attempt(system, &mut state)))?;

@@ -6,9 +6,7 @@ use nalgebra::{SMatrix, SVector};
 /// Derivative of a residual with respect to the perturbation of each of its blocks: for block `b`
 /// the first `Manifold::tangent()` columns of `self.0[b]` count.
 #[derive(Clone, Copy, Debug)]
-pub struct Jacobian<const ROWS: usize, const BLOCKS: usize>(
-    pub [SMatrix<f64, ROWS, MAX_TANGENT>; BLOCKS],
-);
+pub struct Jacobian<const ROWS: usize, const BLOCKS: usize>(pub [SMatrix<f64, ROWS, MAX_TANGENT>; BLOCKS]);
 
 impl<const ROWS: usize, const BLOCKS: usize> Jacobian<ROWS, BLOCKS> {
     /// All zero.
@@ -23,9 +21,7 @@ impl<const ROWS: usize, const BLOCKS: usize> Jacobian<ROWS, BLOCKS> {
         column: usize,
         value: &SMatrix<f64, ROWS, COLUMNS>,
     ) {
-        self.0[block]
-            .fixed_view_mut::<ROWS, COLUMNS>(0, column)
-            .copy_from(value);
+        self.0[block].fixed_view_mut::<ROWS, COLUMNS>(0, column).copy_from(value);
     }
 }
 

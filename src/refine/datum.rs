@@ -111,7 +111,9 @@ pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
     let knows_height = knows(2) >= 1 || vehicle.height.is_some();
     match (knows_size, knows_height, problem.ground.is_some()) {
         (true, _, _) | (_, true, true) => None,
-        (false, true, false) => Some("a height is known, but without a terrain there is no ground to count it from"),
+        (false, true, false) => {
+            Some("a height is known, but without a terrain there is no ground to count it from")
+        }
         (false, false, true) => Some("the terrain is known, but no height above it"),
         (false, false, false) => Some("neither a terrain, nor a height, nor a size is known"),
     }

@@ -13,12 +13,13 @@ mod model;
 mod motion;
 mod outcome;
 
+pub use datum::scale_gap;
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
 pub use outcome::{Adjustment, CheckPoint, Fits, OUTLIER_SIGMAS, ObservationFit, Round};
 
 use crate::estimate::Estimate;
-use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::nlls::linear::cholesky::TooLarge;
+use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum};
 use crate::nlls::system::Values;
 use crate::problem::Problem;

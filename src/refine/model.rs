@@ -1,8 +1,8 @@
 //! Problem and estimate into a system of blocks and measurements, and back.
 
+use super::NoSolution;
 use super::datum::{self, Treatment};
 use super::motion::{Body, Motion, MotionPriors};
-use super::NoSolution;
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::nlls::loss::Loss;
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
@@ -245,7 +245,11 @@ fn add_blocks(
 }
 
 /// Adds a point; a coordinate that is known exactly is held at what it is known to be.
-fn add_point(builder: &mut SystemBuilder, point: Option<Point3<f64>>, known: &[Option<Known>; 3]) -> Option<BlockId> {
+fn add_point(
+    builder: &mut SystemBuilder,
+    point: Option<Point3<f64>>,
+    known: &[Option<Known>; 3],
+) -> Option<BlockId> {
     let mut point = point?;
     let mut free = [true; 3];
     for axis in 0..3 {
@@ -289,15 +293,25 @@ fn add_images(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks) -
 }
 
 /// What is known beforehand of points, heights and the terrain as a whole.
-fn add_knowledge(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks, highest: &[Option<usize>]) -> Vec<GroupId> {
-    let coordinates = |block: Option<BlockId>, known: &[Option<Known>; 3]| -> Vec<Measurement<KnownCoordinate, 1, 1>> {
-        let Some(block) = block else { return Vec::new() };
-        let one = |axis: usize| {
-            let Known { value_m: known_m, sigma_m } = known[axis].filter(|known| known.sigma_m > 0.0)?;
-            Some(Measurement { residual: KnownCoordinate { axis, known_m }, blocks: [block], sigma: [sigma_m] })
+fn add_knowledge(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    blocks: &Blocks,
+    highest: &[Option<usize>],
+) -> Vec<GroupId> {
+    let coordinates =
+        |block: Option<BlockId>, known: &[Option<Known>; 3]| -> Vec<Measurement<KnownCoordinate, 1, 1>> {
+            let Some(block) = block else { return Vec::new() };
+            let one = |axis: usize| {
+                let Known { value_m: known_m, sigma_m } = known[axis].filter(|known| known.sigma_m > 0.0)?;
+                Some(Measurement {
+                    residual: KnownCoordinate { axis, known_m },
+                    blocks: [block],
+                    sigma: [sigma_m],
+                })
+            };
+            (0..3).filter_map(one).collect()
         };
-        (0..3).filter_map(one).collect()
-    };
     let of_targets = problem.targets.iter().zip(&blocks.targets);
     let survey = of_targets.flat_map(|(target, block)| coordinates(*block, &target.known)).collect();
     let (mut points, mut heights) = (Vec::new(), Vec::new());
@@ -308,12 +322,19 @@ fn add_knowledge(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks
         let highest = highest.and_then(|point| vehicle_blocks.points[point]);
         if let (Some(block), Some(Known { value_m: known_m, sigma_m })) = (highest, vehicle.height) {
             let residual = KnownCoordinate { axis: 2, known_m };
-            heights.push(Measurement { residual, blocks: [block], sigma: [sigma_m.max(LEAST_HEIGHT_SIGMA_M)] });
+            heights.push(Measurement {
+                residual,
+                blocks: [block],
+                sigma: [sigma_m.max(LEAST_HEIGHT_SIGMA_M)],
+            });
         }
     }
     let bias_sigma_m = problem.ground.map_or(0.0, |ground| ground.bias_sigma_m);
-    let bias = (bias_sigma_m > 0.0)
-        .then_some(Measurement { residual: KnownZero, blocks: [blocks.bias], sigma: [bias_sigma_m] });
+    let bias = (bias_sigma_m > 0.0).then_some(Measurement {
+        residual: KnownZero,
+        blocks: [blocks.bias],
+        sigma: [bias_sigma_m],
+    });
     vec![
         builder.add_group("surveyed coordinate of a target", Loss::Squared, survey),
         builder.add_group("known coordinate of a shape point", Loss::Squared, points),
@@ -325,7 +346,11 @@ fn add_knowledge(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks
 /// Keeps points without depth near the body. Takes no part in the statistics.
 fn add_body_boxes(builder: &mut SystemBuilder, blocks: &Blocks) {
     let points = blocks.vehicles.iter().flat_map(|vehicle| vehicle.points.iter().flatten());
-    let inside = points.map(|block| Measurement { residual: InsideBody, blocks: [*block], sigma: [BODY_BOX_SIGMA_M; 3] });
+    let inside = points.map(|block| Measurement {
+        residual: InsideBody,
+        blocks: [*block],
+        sigma: [BODY_BOX_SIGMA_M; 3],
+    });
     builder.add_group("shape point inside a road vehicle", Loss::Squared, inside.collect());
 }
 
@@ -359,7 +384,12 @@ fn add_starting_poses(
     ]
 }
 
-fn add_contacts(builder: &mut SystemBuilder, problem: &Problem, ground: &GroundKnowledge, blocks: &Blocks) -> [GroupId; 2] {
+fn add_contacts(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    ground: &GroundKnowledge,
+    blocks: &Blocks,
+) -> [GroupId; 2] {
     let (least_m, least_rad) = LEAST_CONTACT_SIGMA;
     let tilt = ground.tilt_sigma_rad.max(least_rad);
     let sigma = [ground.sigma_m.max(least_m), tilt, tilt];
@@ -375,7 +405,8 @@ fn add_contacts(builder: &mut SystemBuilder, problem: &Problem, ground: &GroundK
                 }
                 Some((frame_before, pose_before)) => {
                     let step_s = problem.frames[frame].time_s - problem.frames[frame_before].time_s;
-                    let (residual, innovation) = NextContact::after(ground.terrain, step_s, ground.correlation_s);
+                    let (residual, innovation) =
+                        NextContact::after(ground.terrain, step_s, ground.correlation_s);
                     let sigma = sigma.map(|s| s * innovation);
                     next.push(Measurement { residual, blocks: [pose, pose_before, blocks.bias], sigma });
                 }
@@ -389,7 +420,12 @@ fn add_contacts(builder: &mut SystemBuilder, problem: &Problem, ground: &GroundK
     ]
 }
 
-fn add_motion(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks, priors: MotionPriors) -> Motion {
+fn add_motion(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    blocks: &Blocks,
+    priors: MotionPriors,
+) -> Motion {
     let time = |frame: usize| problem.frames[frame].time_s;
     let with_time = |poses: &mut dyn Iterator<Item = Option<BlockId>>| -> Vec<(f64, BlockId)> {
         poses.enumerate().filter_map(|(frame, block)| Some((time(frame), block?))).collect()
@@ -403,4 +439,3 @@ fn add_motion(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks, p
     }
     motion
 }
-

@@ -57,8 +57,10 @@ impl MotionPriors {
 }
 
 /// Strengths from which the estimation starts: a hovering drone and a car in town.
-const FIRST_CAMERA: MotionStrength = MotionStrength { acceleration_mps2: 0.3, angular_acceleration_rps2: 0.02 };
-const FIRST_VEHICLE: MotionStrength = MotionStrength { acceleration_mps2: 1.0, angular_acceleration_rps2: 0.05 };
+const FIRST_CAMERA: MotionStrength =
+    MotionStrength { acceleration_mps2: 0.3, angular_acceleration_rps2: 0.02 };
+const FIRST_VEHICLE: MotionStrength =
+    MotionStrength { acceleration_mps2: 1.0, angular_acceleration_rps2: 0.05 };
 /// An estimate stays within these factors of its start: a body at rest has no smallest strength.
 const FACTOR_BOUNDS: (f64, f64) = (1e-3, 1e2);
 /// Fewest rows, and least redundancy in them, from which a strength is estimated.
@@ -123,7 +125,13 @@ pub struct BodyStrength {
 
 impl Motion {
     /// Adds the prior of a body with these poses in time order.
-    pub fn add(&mut self, builder: &mut SystemBuilder, body: Body, poses: &[(f64, BlockId)], prior: MotionPrior) {
+    pub fn add(
+        &mut self,
+        builder: &mut SystemBuilder,
+        body: Body,
+        poses: &[(f64, BlockId)],
+        prior: MotionPrior,
+    ) {
         let is_estimated = prior == MotionPrior::Estimated;
         let first = match (prior, &body) {
             (MotionPrior::Off, _) => return,
@@ -136,16 +144,30 @@ impl Motion {
             let [(t0, p0), (t1, p1), (t2, p2)] = [three[0], three[1], three[2]];
             let steps = Steps { first_s: t1 - t0, second_s: t2 - t1 };
             let (blocks, root) = ([p0, p1, p2], steps.mean_s().sqrt());
-            positions.push(Measurement { residual: Acceleration(steps), blocks, sigma: [first.acceleration_mps2 / root; 3] });
-            rotations.push(Measurement { residual: AngularAcceleration(steps), blocks, sigma: [first.angular_acceleration_rps2 / root; 3] });
+            positions.push(Measurement {
+                residual: Acceleration(steps),
+                blocks,
+                sigma: [first.acceleration_mps2 / root; 3],
+            });
+            rotations.push(Measurement {
+                residual: AngularAcceleration(steps),
+                blocks,
+                sigma: [first.angular_acceleration_rps2 / root; 3],
+            });
         }
         let positions = builder.add_group("smooth position", Loss::Squared, positions);
         let rotations = builder.add_group("smooth attitude", Loss::Squared, rotations);
-        for (group, first, is_rotation) in [
-            (positions, first.acceleration_mps2, false),
-            (rotations, first.angular_acceleration_rps2, true),
-        ] {
-            self.components.push(Component { body: body.clone(), group, first, is_rotation, is_estimated, last: None });
+        for (group, first, is_rotation) in
+            [(positions, first.acceleration_mps2, false), (rotations, first.angular_acceleration_rps2, true)]
+        {
+            self.components.push(Component {
+                body: body.clone(),
+                group,
+                first,
+                is_rotation,
+                is_estimated,
+                last: None,
+            });
         }
     }
 
@@ -185,7 +207,12 @@ impl Motion {
     }
 
     /// One step of the estimation at `values`; returns the largest factor by which a strength changes.
-    pub fn estimate(&mut self, system: &mut System, minimiser: &mut Minimiser, values: &Values) -> Result<f64, NoSolution> {
+    pub fn estimate(
+        &mut self,
+        system: &mut System,
+        minimiser: &mut Minimiser,
+        values: &Values,
+    ) -> Result<f64, NoSolution> {
         let mut estimated: Vec<&mut Component> = self
             .components
             .iter_mut()
@@ -226,7 +253,18 @@ impl Motion {
             component.last = Some((log_factor, power));
             let before = system.sigma_factor(component.group);
             let after = (before * (power * log_factor).exp()).clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1);
-            if std::env::var("DBG").is_ok() { println!("  {:?} rot {} rows {} trace {:.1} red {:.1} factor {:.3} power {power:.2} now {:.5}", component.body, component.is_rotation, system.rows(component.group), trace, redundancy, log_factor.exp(), component.first*after); }
+            if std::env::var("DBG").is_ok() {
+                println!(
+                    "  {:?} rot {} rows {} trace {:.1} red {:.1} factor {:.3} power {power:.2} now {:.5}",
+                    component.body,
+                    component.is_rotation,
+                    system.rows(component.group),
+                    trace,
+                    redundancy,
+                    log_factor.exp(),
+                    component.first * after
+                );
+            }
             system.set_sigma_factor(component.group, after);
             largest = largest.max(after / before).max(before / after);
         }

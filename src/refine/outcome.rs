@@ -119,7 +119,8 @@ impl Fits {
     /// their standard deviations.
     pub fn new(problem: &Problem, estimate: &Estimate, image_loss: Loss, spread: f64) -> Fits {
         let limit = OUTLIER_SIGMAS * spread.max(1.0);
-        let mut fits = Fits { vehicles: Vec::new(), targets: Vec::new(), outliers: 0, behind_camera: 0, not_used: 0 };
+        let mut fits =
+            Fits { vehicles: Vec::new(), targets: Vec::new(), outliers: 0, behind_camera: 0, not_used: 0 };
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let found = &estimate.vehicles[at];
             let mut of_vehicle = Vec::with_capacity(vehicle.observations.len());
@@ -212,7 +213,8 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
         warnings.push(format!("{} image points belong to points behind the camera", fits.behind_camera));
     }
     if spread > 2.0 && both.len() >= 100 {
-        warnings.push(format!("image points of vehicles scatter {spread:.1} times as much as their sigmas say"));
+        warnings
+            .push(format!("image points of vehicles scatter {spread:.1} times as much as their sigmas say"));
     }
     Adjustment {
         stop: minimum.stop,

@@ -25,7 +25,9 @@ pub struct Staged {
 #[derive(Debug, thiserror::Error)]
 pub enum PlaceError {
     /// Something is there that is not a result, and it is not touched.
-    #[error("{0} exists and is not a result of trackbundle; it is left as it is (choose another place with --out)")]
+    #[error(
+        "{0} exists and is not a result of trackbundle; it is left as it is (choose another place with --out)"
+    )]
     Occupied(PathBuf),
     /// The place cannot be used.
     #[error("{path}: {source}")]
@@ -147,7 +149,9 @@ mod tests {
         let target = folder.path().join("deep/result");
         for text in ["one", "two"] {
             let staged = Staged::begin(&target).unwrap();
-            staged.write(&file(REPORT, &format!("{{\"program\": \"trackbundle\", \"n\": \"{text}\"}}"))).unwrap();
+            staged
+                .write(&file(REPORT, &format!("{{\"program\": \"trackbundle\", \"n\": \"{text}\"}}")))
+                .unwrap();
             staged.write(&file(text, text)).unwrap();
             assert!(!target.join(text).exists());
             staged.publish().unwrap();

@@ -12,74 +12,118 @@ use std::collections::BTreeMap;
 /// The report. Units stand in the names; else metres, seconds, degrees.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// Always `trackbundle`: by this a folder is known as a result.
     pub program: &'static str,
+    /// Version of the program.
     pub version: &'static str,
+    /// Name of the problem.
     pub problem: String,
+    /// `converged`, `iteration_limit`, `stalled` or `initialised`.
     pub status: &'static str,
+    /// Why the last round stopped, with the measured value.
     pub stop: String,
+    /// Iterations of all rounds.
     pub iterations: usize,
+    /// Half the sum of rho at the start, under the last round's losses.
     pub initial_cost: Option<f64>,
+    /// Half the sum of rho at the end.
     pub final_cost: Option<f64>,
+    /// Rows that took part: two for each image point that is not rejected, and those of everything else.
     pub observations: usize,
+    /// Numbers that were adjusted.
     pub parameters: usize,
+    /// Rows minus parameters.
     pub redundancy: i64,
+    /// Standard deviation of unit weight a posteriori (a priori 1).
     pub sigma0: Option<f64>,
+    /// Root mean square of the coordinates of all image points that are not gross errors.
     pub rms_px: Option<f64>,
+    /// The same of vehicles alone.
     pub rms_vehicle_px: Option<f64>,
+    /// The same of targets alone.
     pub rms_target_px: Option<f64>,
+    /// Gross errors among the image points.
     pub outliers: usize,
+    /// Image points whose computed place is behind the camera.
     pub behind_camera: usize,
+    /// Image points of points without coordinates.
     pub not_used: usize,
+    /// The loss of image points.
     pub loss: Option<LossReport>,
+    /// The motion priors.
     pub motion: Vec<MotionReport>,
+    /// The check points.
     pub check_points: Vec<CheckPointReport>,
+    /// How the normal equations were eliminated.
     pub elimination: Option<EliminationReport>,
+    /// The minimisations.
     pub rounds: Vec<RoundReport>,
+    /// Vehicles that were left out.
     pub left_out: Vec<String>,
+    /// Wall time of each stage.
     pub seconds: BTreeMap<&'static str, f64>,
+    /// What is odd.
     pub warnings: Vec<String>,
 }
 
 /// The loss of image points.
 #[derive(Clone, Debug, Serialize)]
 pub struct LossReport {
+    /// Its name.
     pub name: &'static str,
+    /// Its scale in standard deviations of an image point.
     pub scale_sigmas: Option<f64>,
+    /// Barron's alpha.
     pub shape: Option<f64>,
 }
 
 /// The motion prior of a body: scatter of its mean acceleration over one second.
 #[derive(Clone, Debug, Serialize)]
 pub struct MotionReport {
+    /// `camera`, or `vehicle` and its id.
     pub body: String,
+    /// Of the position, per axis.
     pub acceleration_mps2: f64,
+    /// Of the attitude, per axis.
     pub angular_acceleration_degps2: f64,
+    /// Whether it was estimated from the data.
     pub estimated: bool,
 }
 
 /// A check point: intersected from the adjusted cameras minus surveyed.
 #[derive(Clone, Debug, Serialize)]
 pub struct CheckPointReport {
+    /// Id of the target.
     pub target: String,
+    /// Difference along x, `null` where its rays do not meet.
     pub dx: Option<f64>,
+    /// Along y.
     pub dy: Option<f64>,
+    /// Along z.
     pub dz: Option<f64>,
 }
 
 /// How the normal equations were eliminated.
 #[derive(Clone, Debug, Serialize)]
 pub struct EliminationReport {
+    /// The order.
     pub order: &'static str,
+    /// Multiplications and additions of one factorisation.
     pub operations: f64,
 }
 
 /// One minimisation.
 #[derive(Clone, Debug, Serialize)]
 pub struct RoundReport {
+    /// Its name.
     pub name: &'static str,
+    /// Iterations of all rounds.
     pub iterations: usize,
+    /// Half the sum of rho at the start, under the last round's losses.
     pub initial_cost: f64,
+    /// Half the sum of rho at the end.
     pub final_cost: f64,
+    /// Why the last round stopped, with the measured value.
     pub stop: String,
 }
 

@@ -5,8 +5,17 @@ pub mod folder;
 mod json;
 mod tables;
 
-pub use json::{Report, report_of_initial, report_of_adjustment};
+pub use json::{Report, report_of_adjustment, report_of_initial};
 pub use tables::result_tables;
+
+use crate::estimate::Estimate;
+use crate::problem::Problem;
 
 /// A file of a result folder: its name and its bytes.
 pub type File = (String, Vec<u8>);
+
+/// The vehicles that were left out, and why.
+pub fn left_out(problem: &Problem, estimate: &Estimate) -> Vec<String> {
+    let vehicles = problem.vehicles.iter().zip(&estimate.vehicles);
+    vehicles.filter_map(|(v, e)| Some(format!("{}: {}", v.id, e.left_out.as_ref()?))).collect()
+}

@@ -3,8 +3,7 @@
 use super::{File, cloud};
 use crate::estimate::Estimate;
 use crate::files::rows::{
-    CameraPoseResult, ResidualResult, ResultRow, TrajectoryResult, VehiclePointResult,
-    VehiclePoseResult,
+    CameraPoseResult, ResidualResult, ResultRow, TrajectoryResult, VehiclePointResult, VehiclePoseResult,
 };
 use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::Problem;
@@ -60,9 +59,19 @@ fn camera_poses(problem: &Problem, estimate: &Estimate) -> Vec<CameraPoseResult>
         let ([x, y, z], [qw, qx, qy, qz]) = pose_numbers(pose);
         CameraPoseResult {
             frame: frame.number,
-            x, y, z, qw, qx, qy, qz,
-            sigma_x: None, sigma_y: None, sigma_z: None,
-            sigma_roll_deg: None, sigma_pitch_deg: None, sigma_yaw_deg: None,
+            x,
+            y,
+            z,
+            qw,
+            qx,
+            qy,
+            qz,
+            sigma_x: None,
+            sigma_y: None,
+            sigma_z: None,
+            sigma_roll_deg: None,
+            sigma_pitch_deg: None,
+            sigma_yaw_deg: None,
         }
     };
     problem.frames.iter().zip(&estimate.camera_poses).map(row).collect()
@@ -78,9 +87,19 @@ fn vehicle_poses(problem: &Problem, estimate: &Estimate) -> Vec<VehiclePoseResul
             rows.push(VehiclePoseResult {
                 frame: frame.number,
                 vehicle: vehicle.id.clone(),
-                x, y, z, qw, qx, qy, qz,
-                sigma_x: None, sigma_y: None, sigma_z: None,
-                sigma_roll_deg: None, sigma_pitch_deg: None, sigma_yaw_deg: None,
+                x,
+                y,
+                z,
+                qw,
+                qx,
+                qy,
+                qz,
+                sigma_x: None,
+                sigma_y: None,
+                sigma_z: None,
+                sigma_roll_deg: None,
+                sigma_pitch_deg: None,
+                sigma_yaw_deg: None,
             });
         }
     }
@@ -98,7 +117,8 @@ fn vehicle_points(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<Ve
         for (point, shape_point) in vehicle.points.iter().enumerate() {
             let position = estimate.points[point].filter(|_| estimate.left_out.is_none());
             let coordinate = |axis: usize| position.map(|p| round(p[axis], METRE));
-            let inliers: Vec<f64> = of_point[point].iter()
+            let inliers: Vec<f64> = of_point[point]
+                .iter()
                 .filter(|fit| !fit.is_outlier)
                 .map(|fit| fit.residual_px.norm_squared())
                 .collect();
@@ -106,8 +126,12 @@ fn vehicle_points(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<Ve
             rows.push(VehiclePointResult {
                 vehicle: vehicle.id.clone(),
                 point: shape_point.id.clone(),
-                x: coordinate(0), y: coordinate(1), z: coordinate(2),
-                sigma_x: None, sigma_y: None, sigma_z: None,
+                x: coordinate(0),
+                y: coordinate(1),
+                z: coordinate(2),
+                sigma_x: None,
+                sigma_y: None,
+                sigma_z: None,
                 observations: sightings[point],
                 inliers: inliers.len(),
                 rms_px: (!inliers.is_empty()).then(|| round(mean_square.sqrt(), PIXEL)),
@@ -134,8 +158,12 @@ fn trajectories(problem: &Problem, estimate: &Estimate) -> Vec<TrajectoryResult>
                 z: round(at.position.z, METRE),
                 speed_mps: at.speed_mps.map(|v| round(v, METRE)),
                 heading_deg: round(at.heading_rad.to_degrees(), PIXEL),
-                sigma_x: None, sigma_y: None, sigma_z: None, cov_xy: None,
-                sigma_speed_mps: None, sigma_heading_deg: None,
+                sigma_x: None,
+                sigma_y: None,
+                sigma_z: None,
+                cov_xy: None,
+                sigma_speed_mps: None,
+                sigma_heading_deg: None,
             });
         }
     }

@@ -53,10 +53,8 @@ mod tests {
     #[test]
     fn the_jacobian_is_that_of_its_differences() {
         for camera in cameras() {
-            let residual = TargetImagePoint {
-                camera: Arc::new(camera),
-                observed_px: Vector2::new(2000.0, 300.0),
-            };
+            let residual =
+                TargetImagePoint { camera: Arc::new(camera), observed_px: Vector2::new(2000.0, 300.0) };
             for pose in camera_poses() {
                 for target in [[0.0, 0.0, 0.0], [14.0, -9.0, 0.4], [-25.0, 12.0, -1.0]] {
                     assert_jacobian(&residual, &[&write_pose(&pose), &target]);

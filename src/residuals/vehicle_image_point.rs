@@ -62,10 +62,8 @@ mod tests {
     #[test]
     fn the_jacobian_is_that_of_its_differences() {
         for camera in cameras() {
-            let residual = VehicleImagePoint {
-                camera: Arc::new(camera),
-                observed_px: Vector2::new(1000.0, 800.0),
-            };
+            let residual =
+                VehicleImagePoint { camera: Arc::new(camera), observed_px: Vector2::new(1000.0, 800.0) };
             for camera_pose in camera_poses() {
                 for vehicle_pose in vehicle_poses() {
                     for point in [[0.0, 0.0, 0.0], [2.1, 0.9, 1.6], [-2.3, -0.8, 0.4]] {

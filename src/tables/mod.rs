@@ -81,11 +81,8 @@ pub fn read<R: Row>(folder: &Path, file: &str, findings: &mut Findings) -> Optio
 
 /// [`read`] of bytes.
 pub fn parse<R: Row>(bytes: &[u8], file: &str, findings: &mut Findings) -> Option<Vec<Line<R>>> {
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .from_reader(bytes);
+    let mut reader =
+        csv::ReaderBuilder::new().has_headers(false).flexible(true).trim(csv::Trim::All).from_reader(bytes);
     let mut lines = LineCounter { bytes, counted: 0, line: 1 };
     let mut records = Vec::new();
     let mut record = csv::ByteRecord::new();
@@ -299,9 +296,8 @@ mod tests {
 
     #[test]
     fn everything_that_is_wrong_is_reported_at_once() {
-        let (rows, errors, _) = parsed(
-            b"frame,id,x,sigma\n1,a,nan,-1\n1.5,,1,\n2,b,1\n3,c,1,0.1\n4,\xff,1,1\n5,e,,inf\n",
-        );
+        let (rows, errors, _) =
+            parsed(b"frame,id,x,sigma\n1,a,nan,-1\n1.5,,1,\n2,b,1\n3,c,1,0.1\n4,\xff,1,1\n5,e,,inf\n");
         assert_eq!(rows, [Line { line: 5, row: row(3, "c", 1.0, Some(0.1)) }]);
         let wanted = [
             "t.csv:6: expected UTF-8 text, found",

@@ -43,9 +43,15 @@ pub fn score(result: &Path, truth: &Path, vehicle: &str) -> Score {
     };
 
     let track: BTreeMap<String, BTreeMap<String, String>> =
-        of_vehicle(rows(&result.join("trajectories.csv"))).into_iter().map(|r| (r["frame"].clone(), r)).collect();
+        of_vehicle(rows(&result.join("trajectories.csv")))
+            .into_iter()
+            .map(|r| (r["frame"].clone(), r))
+            .collect();
     let poses: BTreeMap<String, BTreeMap<String, String>> =
-        of_vehicle(rows(&truth.join("vehicle_poses.csv"))).into_iter().map(|r| (r["frame"].clone(), r)).collect();
+        of_vehicle(rows(&truth.join("vehicle_poses.csv")))
+            .into_iter()
+            .map(|r| (r["frame"].clone(), r))
+            .collect();
     let (mut dx, mut dy, mut dz, mut dv, mut dh) = (vec![], vec![], vec![], vec![], vec![]);
     for row in rows(&truth.join(format!("trajectory_{vehicle}.csv"))) {
         let Some(at) = track.get(&row["frame"]) else { continue };
@@ -53,11 +59,14 @@ pub fn score(result: &Path, truth: &Path, vehicle: &str) -> Score {
         dx.push(found.x - truth.x);
         dy.push(found.y - truth.y);
         dz.push(found.z - truth.z);
-        dv.push(number(at, "speed_mps").unwrap() - number(&row, "vx").unwrap().hypot(number(&row, "vy").unwrap()));
+        dv.push(
+            number(at, "speed_mps").unwrap() - number(&row, "vx").unwrap().hypot(number(&row, "vy").unwrap()),
+        );
         let pose = &poses[&row["frame"]];
         let q = |name| number(pose, name).unwrap();
         let pose = trackbundle::geometry::pose([0.0; 3], [q("qw"), q("qx"), q("qy"), q("qz")]);
-        let turn = number(at, "heading_deg").unwrap() - trackbundle::geometry::heading_rad(&pose).to_degrees();
+        let turn =
+            number(at, "heading_deg").unwrap() - trackbundle::geometry::heading_rad(&pose).to_degrees();
         dh.push((turn + 540.0).rem_euclid(360.0) - 180.0);
     }
     let rms = |a: &[f64]| (a.iter().map(|v| v * v).sum::<f64>() / a.len() as f64).sqrt();

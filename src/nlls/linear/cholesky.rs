@@ -5,8 +5,7 @@ use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
-    factorize_symbolic_cholesky,
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::{Conj, MatMut, Par, Side};
 
@@ -147,10 +146,7 @@ mod tests {
         let b: Vec<f64> = (0..n * sides).map(|i| (i as f64 * 0.37).sin()).collect();
         let mut x = b.clone();
         cholesky.solve(&mut x);
-        let wanted = dense
-            .cholesky()
-            .unwrap()
-            .solve(&nalgebra::DMatrix::from_column_slice(n, sides, &b));
+        let wanted = dense.cholesky().unwrap().solve(&nalgebra::DMatrix::from_column_slice(n, sides, &b));
         let found = nalgebra::DMatrix::from_column_slice(n, sides, &x);
         assert!((&found - &wanted).norm() < 1e-12 * wanted.norm());
     }

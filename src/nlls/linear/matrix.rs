@@ -175,12 +175,8 @@ impl ColumnMut<'_> {
     pub fn for_each_block(&mut self, mut write: impl FnMut(usize, &mut BlockMut<'_>)) {
         let mut offset = 0;
         for &row in self.rows {
-            let mut block = BlockMut {
-                values: self.values,
-                height: self.height,
-                offset,
-                diagonal: row == self.position,
-            };
+            let mut block =
+                BlockMut { values: self.values, height: self.height, offset, diagonal: row == self.position };
             write(row, &mut block);
             offset += self.dims[row];
         }

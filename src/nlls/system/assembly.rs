@@ -31,7 +31,10 @@ pub(super) struct Gather {
 impl Gather {
     pub fn new(matrix: &BlockMatrix, groups: &[Box<dyn AnyGroup>], position: &[Option<usize>]) -> Self {
         let mut column_starts = vec![0];
-        matrix.rows().iter().for_each(|rows| column_starts.push(column_starts[column_starts.len() - 1] + rows.len()));
+        matrix
+            .rows()
+            .iter()
+            .for_each(|rows| column_starts.push(column_starts[column_starts.len() - 1] + rows.len()));
         let block_at = |row: usize, column: usize| {
             let found = matrix.rows()[column].binary_search(&row).expect("in the pattern");
             column_starts[column] + found
@@ -94,7 +97,10 @@ impl Gather {
                 let mut sum = [0.0; MAX_TANGENT * MAX_TANGENT];
                 for share in shares {
                     let linear = &linear[share.group as usize];
-                    let (a, b) = (linear.columns_of(share, share.row_at, height), linear.columns_of(share, share.column_at, width));
+                    let (a, b) = (
+                        linear.columns_of(share, share.row_at, height),
+                        linear.columns_of(share, share.column_at, width),
+                    );
                     match linear.rows {
                         2 => add_product::<2>(a, b, &mut sum),
                         3 => add_product::<3>(a, b, &mut sum),

@@ -116,9 +116,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     }
 }
 
-impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
-    for Group<R, ROWS, BLOCKS>
-{
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup for Group<R, ROWS, BLOCKS> {
     fn len(&self) -> usize {
         self.measurements.len()
     }

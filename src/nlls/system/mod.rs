@@ -123,8 +123,7 @@ impl SystemBuilder {
             }
         }
         let matrix = BlockMatrix::new(&dims, pairs);
-        let position: Vec<Option<usize>> =
-            unknown.iter().map(|u| u.map(|u| matrix.position(u))).collect();
+        let position: Vec<Option<usize>> = unknown.iter().map(|u| u.map(|u| matrix.position(u))).collect();
         let gather = Gather::new(&matrix, &self.groups, &position);
         let all_free = |b: &BlockId| {
             let block = &self.blocks[b.0];
@@ -132,7 +131,15 @@ impl SystemBuilder {
         };
         let mut orbits = self.orbits;
         orbits.retain(|orbit| orbit.points.iter().chain(&orbit.poses).all(all_free));
-        System { orbits, blocks: self.blocks, start: Values(self.start), groups: self.groups, position, matrix, gather }
+        System {
+            orbits,
+            blocks: self.blocks,
+            start: Values(self.start),
+            groups: self.groups,
+            position,
+            matrix,
+            gather,
+        }
     }
 }
 

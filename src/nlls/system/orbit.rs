@@ -56,7 +56,12 @@ impl Orbit {
     }
 
     /// `(v, w)` of the rigid part of the points' steps; `None` where the points lie on a line.
-    fn rigid_part(&self, system: &System, values: &Values, step: &[f64]) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    fn rigid_part(
+        &self,
+        system: &System,
+        values: &Values,
+        step: &[f64],
+    ) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let mut normal = Matrix6::zeros();
         let mut right = Vector6::zeros();
         for &block in &self.points {

@@ -1,0 +1,88 @@
+//! `trackbundle initialise`.
+
+use super::Failure;
+use super::options::{OutputOptions, computable, read};
+use super::output::{counted, grouped, print};
+use crate::initialise::{Method, initialise};
+use crate::nlls::loss::Loss;
+use crate::refine::Fits;
+use crate::report::folder::check_place;
+use crate::report::{left_out, report_of_initial, result_tables};
+use crate::scene::scene;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Arguments of the command.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The problem folder
+    problem: PathBuf,
+
+    /// Where the result goes; a folder that is there and is not a result is never touched
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+
+    /// How shapes are found
+    #[arg(long, value_enum, default_value_t = Dlt::Robust)]
+    dlt: Dlt,
+
+    #[command(flatten)]
+    output: OutputOptions,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Dlt {
+    /// Least squares, and a Huber fit where that leaves large residuals
+    Robust,
+    /// Least squares alone
+    Plain,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let output = &arguments.output;
+    output.records()?;
+    check_place(&arguments.out)?;
+    output.set_threads()?;
+    let begin = Instant::now();
+    let input = read(&arguments.problem)?;
+    output.warn(&input.warnings);
+    let problem = computable(input.problem)?;
+    let read_s = begin.elapsed().as_secs_f64();
+
+    let begin = Instant::now();
+    let method = match arguments.dlt {
+        Dlt::Robust => Method::RobustWhereNeeded,
+        Dlt::Plain => Method::Plain,
+    };
+    let initial = initialise(&problem, method);
+    output.warn(&initial.warnings);
+    let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0);
+    let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
+    report.warnings.splice(0..0, input.warnings);
+    report.seconds.insert("read", read_s);
+    report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
+    let tables = result_tables(&problem, &initial.estimate, &fits);
+    let draw = |_: &_| {
+        let summary = format!("# {}\n\nFirst estimate, not adjusted.", problem.name);
+        scene(&problem, &initial.estimate, &initial.estimate, &fits, &[], summary)
+    };
+    let folder = output.write(&arguments.out, &tables, &mut report, draw)?;
+    if !output.json && !output.quiet {
+        let mut text = String::new();
+        for (vehicle, estimate) in problem.vehicles.iter().zip(&initial.estimate.vehicles) {
+            let found = estimate.points.iter().flatten().count();
+            text += &format!(
+                "vehicle     {}: {} of {} have coordinates\n",
+                vehicle.id,
+                grouped(found),
+                counted(vehicle.points.len(), "point")
+            );
+        }
+        text += &format!("robust fit  of {}\n", counted(initial.robust_points, "point"));
+        text += &format!("result      {}\n", folder.display());
+        print(&text);
+    }
+    Ok(())
+}

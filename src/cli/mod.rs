@@ -1,0 +1,135 @@
+//! The command line: arguments, progress, exit codes; one file per command.
+
+mod check;
+mod initialise;
+mod options;
+mod output;
+mod refine;
+
+use crate::refine::NoSolution;
+use crate::report::folder::PlaceError;
+use crate::tables::Findings;
+use clap::{CommandFactory, Parser, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Bundle adjustment of moving vehicles filmed from a small drone.
+#[derive(Debug, Parser)]
+#[command(name = "trackbundle", version, about, long_about = LONG_ABOUT, after_help = EXIT_CODES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const LONG_ABOUT: &str = "\
+Bundle adjustment of moving vehicles filmed from a small drone.
+
+Reads a problem folder (image points of vehicles and of surveyed targets, a calibrated camera, \
+starting poses, a terrain), adjusts the shapes of the vehicles, their poses and the poses of the \
+camera together, and leaves a result folder with tables, clouds, a report and a recording for the \
+Rerun viewer. The formats are described in docs/formats.md.";
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done, 2 wrong usage, 3 invalid input (every finding is printed, nothing is written), \
+4 no usable solution (what is missing is named), 1 anything else.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Validate a problem folder and say what is in it and what is missing for which stage.
+    Check(check::Arguments),
+    /// Find the first estimate: shapes by direct linear transformation from the starting poses.
+    Initialise(initialise::Arguments),
+    /// Adjust shapes, vehicle poses and camera poses together.
+    Refine(refine::Arguments),
+    /// Print completions for a shell: source <(trackbundle completions bash)
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Why a command failed, by exit code.
+#[derive(Debug)]
+enum Failure {
+    /// 2: the arguments do not fit.
+    Usage(String),
+    /// 3: the input is invalid.
+    Invalid(PathBuf, Findings),
+    /// 4: there is no usable solution.
+    NoSolution(String),
+    /// 1: anything else.
+    Other(String),
+}
+
+impl From<PlaceError> for Failure {
+    fn from(error: PlaceError) -> Self {
+        match error {
+            PlaceError::Occupied(_) => Failure::Usage(error.to_string()),
+            PlaceError::Io { .. } => Failure::Other(error.to_string()),
+        }
+    }
+}
+
+impl From<NoSolution> for Failure {
+    fn from(error: NoSolution) -> Self {
+        Failure::NoSolution(error.to_string())
+    }
+}
+
+/// Runs the program with the arguments of this process.
+pub fn run() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = std::panic::catch_unwind(|| match &arguments.command {
+        Command::Check(arguments) => check::run(arguments),
+        Command::Initialise(arguments) => initialise::run(arguments),
+        Command::Refine(arguments) => refine::run(arguments),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Arguments::command(), "trackbundle", &mut script);
+            output::print(&String::from_utf8_lossy(&script));
+            Ok(())
+        }
+    });
+    match result {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(failure)) => report(&failure),
+        // The message of the panic has been printed.
+        Err(_) => ExitCode::from(1),
+    }
+}
+
+fn report(failure: &Failure) -> ExitCode {
+    match failure {
+        Failure::Usage(message) => {
+            eprintln!("error: {message}");
+            ExitCode::from(2)
+        }
+        Failure::Invalid(folder, findings) => {
+            for line in findings.to_string().lines() {
+                eprintln!("error: {}", Path::new(folder).join(line).display());
+            }
+            let count = findings.errors().len();
+            let s = if count == 1 { "" } else { "s" };
+            eprintln!("{}: {count} finding{s}; nothing was computed or written", folder.display());
+            ExitCode::from(3)
+        }
+        Failure::NoSolution(message) => {
+            eprintln!("error: {message}");
+            ExitCode::from(4)
+        }
+        Failure::Other(message) => {
+            eprintln!("error: {message}");
+            ExitCode::from(1)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_arguments_fit_each_other() {
+        Arguments::command().debug_assert();
+    }
+}

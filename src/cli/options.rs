@@ -1,0 +1,233 @@
+//! Options that several commands share, and how they are read.
+
+use super::Failure;
+use super::output::{print, warn_all};
+use crate::files::{self, Folder, Inventory};
+use crate::problem::Problem;
+use crate::reference::{self, Reference};
+use crate::refine::{MotionPrior, MotionStrength};
+use crate::report::folder::Staged;
+use crate::report::{File, Report};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// Where results go and what is said on the way.
+#[derive(Debug, Args)]
+pub struct OutputOptions {
+    /// Threads to compute with; their number does not change the result [default: all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+
+    /// Write the Rerun recording to this file instead of session.rrd in the result folder
+    #[arg(long, value_name = "FILE", conflicts_with = "no_rrd")]
+    pub rrd: Option<PathBuf>,
+
+    /// Write no Rerun recording
+    #[arg(long)]
+    pub no_rrd: bool,
+
+    /// Print the report to standard output as JSON
+    #[arg(long)]
+    pub json: bool,
+
+    /// Print neither progress nor warnings nor a summary; errors are always printed
+    #[arg(long, short, conflicts_with = "verbose")]
+    pub quiet: bool,
+
+    /// Print a line for each iteration to standard error
+    #[arg(long, short)]
+    pub verbose: bool,
+}
+
+impl OutputOptions {
+    /// Sets the number of threads of this process.
+    pub fn set_threads(&self) -> Result<(), Failure> {
+        let threads = match self.threads {
+            Some(threads) => usize::from(threads),
+            None => std::thread::available_parallelism().map_or(1, usize::from),
+        };
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .map_err(|error| Failure::Other(format!("the threads could not be started: {error}")))
+    }
+
+    /// Whether a recording is written.
+    pub fn records(&self) -> Result<bool, Failure> {
+        if cfg!(feature = "rerun") {
+            return Ok(!self.no_rrd);
+        }
+        match &self.rrd {
+            Some(_) => Err(Failure::Usage(
+                "this build has no Rerun (feature \"rerun\"), so --rrd cannot be used".to_owned(),
+            )),
+            None => Ok(false),
+        }
+    }
+
+    /// Writes a result folder: all of it or nothing. `draw` makes the scene to record, if one is.
+    pub fn write(
+        &self,
+        target: &Path,
+        tables: &[File],
+        report: &mut Report,
+        draw: impl FnOnce(&Report) -> trackbundle_viz::Scene,
+    ) -> Result<PathBuf, Failure> {
+        let begin = std::time::Instant::now();
+        let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
+        let mut staged = Staged::begin(target)?;
+        if self.records()? {
+            let file = match &self.rrd {
+                Some(file) => staged.path_elsewhere(file),
+                None => staged.path("session.rrd"),
+            };
+            record(&draw(report), &file).map_err(|error| failed(&error))?;
+            report.seconds.insert("recording", begin.elapsed().as_secs_f64());
+        } else if !self.no_rrd {
+            report.warnings.push("no recording was written: this build has no Rerun".to_owned());
+        }
+        for file in tables {
+            staged.write(file).map_err(|error| failed(&error))?;
+        }
+        let json = report.to_json();
+        staged
+            .write(&("report.json".to_owned(), json.clone().into_bytes()))
+            .map_err(|error| failed(&error))?;
+        let folder = staged.publish().map_err(|error| failed(&error))?;
+        if self.json {
+            print(&json);
+        }
+        Ok(folder)
+    }
+
+    /// Prints warnings, unless the user wants quiet.
+    pub fn warn(&self, warnings: &[String]) {
+        if !self.quiet {
+            warn_all(warnings);
+        }
+    }
+}
+
+#[cfg(feature = "rerun")]
+fn record(scene: &trackbundle_viz::Scene, file: &Path) -> Result<(), String> {
+    trackbundle_viz::save(scene, file).map_err(|error| error.to_string())
+}
+
+#[cfg(not(feature = "rerun"))]
+fn record(_scene: &trackbundle_viz::Scene, _file: &Path) -> Result<(), String> {
+    Err("this build has no Rerun".to_owned())
+}
+
+/// A problem folder with its references, all of it valid.
+pub struct Input {
+    /// What is there.
+    pub inventory: Inventory,
+    /// The problem, or what it needs that this version does not compute.
+    pub problem: Result<Problem, Vec<String>>,
+    /// What it is compared with.
+    pub reference: Reference,
+    /// What is odd.
+    pub warnings: Vec<String>,
+}
+
+/// Reads and validates a problem folder whole.
+pub fn read(folder: &Path) -> Result<Input, Failure> {
+    let invalid = |findings| Failure::Invalid(folder.to_owned(), findings);
+    match files::read_problem(folder) {
+        Ok(Folder { inventory, problem, warnings }) => {
+            let vehicles: Vec<String> = inventory.vehicles.iter().map(|v| v.id.clone()).collect();
+            let reference = reference::read_reference(folder, &vehicles).map_err(invalid)?;
+            Ok(Input { inventory, problem, reference, warnings })
+        }
+        Err(findings) => Err(invalid(findings)),
+    }
+}
+
+/// The problem of an input, or why it cannot be computed.
+pub fn computable(problem: Result<Problem, Vec<String>>) -> Result<Problem, Failure> {
+    problem.map_err(|missing| {
+        Failure::NoSolution(format!(
+            "this problem needs what this version does not compute: {}",
+            missing.join("; ")
+        ))
+    })
+}
+
+/// `<problem folder>-result`, beside it.
+pub fn default_result_folder(problem: &Path) -> Result<PathBuf, Failure> {
+    // "." and ".." have no name of their own.
+    let whole = std::fs::canonicalize(problem).unwrap_or_else(|_| problem.to_owned());
+    let path = if problem.file_name().is_some() { problem } else { &whole };
+    let name = path
+        .file_name()
+        .ok_or_else(|| Failure::Usage("a place for the result is needed: --out DIR".to_owned()))?;
+    let mut name = name.to_owned();
+    name.push("-result");
+    Ok(path.with_file_name(name))
+}
+
+/// Reads `estimate`, `off` or `A,B`: scatter of the mean acceleration over one second in m/s^2, and
+/// of the angular acceleration in deg/s^2.
+pub fn motion_prior(text: &str) -> Result<MotionPrior, String> {
+    let strength = |text: &str| text.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
+    match text {
+        "estimate" => Ok(MotionPrior::Estimated),
+        "off" => Ok(MotionPrior::Off),
+        _ => text
+            .split_once(',')
+            .and_then(|(position, rotation)| Some((strength(position)?, strength(rotation)?)))
+            .map(|(acceleration_mps2, degrees)| {
+                let angular_acceleration_rps2 = degrees.to_radians();
+                MotionPrior::Given(MotionStrength { acceleration_mps2, angular_acceleration_rps2 })
+            })
+            .ok_or_else(|| "wanted estimate, off, or two numbers above 0 as in 2.0,5.0".to_owned()),
+    }
+}
+
+/// Reads a finite number above zero.
+pub fn positive(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
+    value.ok_or_else(|| "wanted a number above 0".to_owned())
+}
+
+/// Reads a number of at most 2, or -inf.
+pub fn shape(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|v| *v <= 2.0);
+    value.ok_or_else(|| "wanted a number of at most 2".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_result_stands_beside_the_problem() {
+        let place = |path: &str| default_result_folder(Path::new(path)).unwrap();
+        assert_eq!(place("problems/suv"), Path::new("problems/suv-result"));
+        assert_eq!(place("problems/suv/"), Path::new("problems/suv-result"));
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(
+            place("."),
+            here.with_file_name(format!("{}-result", here.file_name().unwrap().display()))
+        );
+    }
+
+    #[test]
+    fn motion_priors_are_read() {
+        assert_eq!(motion_prior("off"), Ok(MotionPrior::Off));
+        assert_eq!(motion_prior("estimate"), Ok(MotionPrior::Estimated));
+        let MotionPrior::Given(given) = motion_prior("2, 90").unwrap() else { panic!("a strength") };
+        assert_eq!(given.acceleration_mps2, 2.0);
+        assert!((given.angular_acceleration_rps2 - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+        for wrong in ["", "2", "0,1", "a,b", "1,inf", "1,2,3"] {
+            assert!(motion_prior(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        assert!(positive("0").is_err() && positive("nan").is_err() && positive("1e999").is_err());
+        assert!(shape("2.1").is_err() && shape("nan").is_err());
+        assert_eq!(shape("-inf"), Ok(f64::NEG_INFINITY));
+    }
+}

@@ -1,0 +1,115 @@
+//! What is said on the way.
+
+use crate::nlls::minimise::IterationRecord;
+use crate::refine::{Progress, ProgressSink};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::cell::Cell;
+use std::io::{IsTerminal, Write};
+use std::rc::Rc;
+
+/// Prints to standard output. A reader that has gone away is no error.
+pub fn print(text: &str) {
+    let _ = std::io::stdout().lock().write_all(text.as_bytes());
+}
+
+/// Prints warnings to standard error.
+pub fn warn_all(warnings: &[String]) {
+    for warning in warnings {
+        eprintln!("warning: {warning}");
+    }
+}
+
+/// Where the progress of an adjustment goes: a table with `verbose`, else a bar on a terminal, else
+/// a line for each round; nothing with `quiet`.
+pub fn progress(verbose: bool, quiet: bool, max_iterations: usize) -> Option<ProgressSink> {
+    if quiet {
+        None
+    } else if verbose {
+        Some(table())
+    } else if std::io::stderr().is_terminal() {
+        Some(bar(max_iterations))
+    } else {
+        Some(Rc::new(|progress| {
+            if let Progress::Round(number, name) = progress {
+                eprintln!("round {number}: {name}");
+            }
+        }))
+    }
+}
+
+fn table() -> ProgressSink {
+    let before = Cell::new(0.0);
+    Rc::new(move |progress| match progress {
+        Progress::Round(number, name) => {
+            before.set(0.0);
+            eprintln!("round {number}: {name}");
+            eprintln!(
+                "iter         cost       change   |gradient|       |step|    gain   damping  iter time  total time"
+            );
+        }
+        Progress::Iteration(record) => {
+            before.set(before.get() + record.seconds);
+            eprintln!("{}", row(&record, before.get()));
+        }
+    })
+}
+
+fn row(r: &IterationRecord, total_seconds: f64) -> String {
+    let mark = if r.accepted { ' ' } else { 'x' };
+    format!(
+        "{:4} {:12.6e} {:12.2e} {:12.2e} {:12.2e} {:7.2}{mark} {:8.1e} {:10.3} {:11.3}",
+        r.iteration, r.cost, r.change, r.gradient, r.step, r.gain, r.damping, r.seconds, total_seconds
+    )
+}
+
+fn bar(max_iterations: usize) -> ProgressSink {
+    let style =
+        ProgressStyle::with_template("{spinner} {msg} {wide_bar} {pos}/{len} iterations at most, {elapsed}");
+    let bar = ProgressBar::new(max_iterations as u64);
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = Clearing(bar);
+    Rc::new(move |progress| match progress {
+        Progress::Round(_, name) => bar.0.set_message(name),
+        Progress::Iteration(record) if record.iteration > 0 => bar.0.inc(1),
+        Progress::Iteration(_) => bar.0.tick(),
+    })
+}
+
+/// A bar that leaves the terminal clean.
+struct Clearing(ProgressBar);
+
+impl Drop for Clearing {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
+/// A number with its thousands set apart.
+pub fn grouped(number: usize) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (at, digit) in digits.chars().enumerate() {
+        if at > 0 && (digits.len() - at) % 3 == 0 {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// `count` and a word, which gets an s where there is not just one.
+pub fn counted(count: usize, word: &str) -> String {
+    format!("{} {word}{}", grouped(count), if count == 1 { "" } else { "s" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thousands_are_set_apart() {
+        assert_eq!([0, 999, 1000, 60150, 1234567].map(grouped), ["0", "999", "1,000", "60,150", "1,234,567"]);
+        assert_eq!(counted(1, "frame"), "1 frame");
+        assert_eq!(counted(2000, "frame"), "2,000 frames");
+    }
+}

@@ -1,0 +1,153 @@
+//! `trackbundle refine`.
+
+use super::Failure;
+use super::options::{OutputOptions, computable, default_result_folder, motion_prior, positive, read, shape};
+use super::output::{counted, print, progress};
+use crate::initialise::{Method, initialise};
+use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
+use crate::refine::{Adjustment, MotionPrior, MotionPriors, RefineOptions, refine};
+use crate::report::folder::check_place;
+use crate::report::{Report, left_out, report_of_adjustment, result_tables};
+use crate::scene::scene;
+use clap::Args;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Arguments of the command.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The problem folder
+    problem: PathBuf,
+
+    /// Where the result goes; a folder that is there and is not a result is never touched
+    /// [default: <PROBLEM>-result]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+
+    /// Robust loss of image points: none, huber, cauchy, tukey, geman-mcclure or barron
+    #[arg(long, value_name = "NAME", default_value_t = RefineOptions::default().loss)]
+    loss: LossName,
+
+    /// Scale of the loss in standard deviations of an image point [default: what keeps 95 % of the
+    /// efficiency of least squares on good image points]
+    #[arg(long, value_name = "X", value_parser = positive)]
+    loss_scale: Option<f64>,
+
+    /// Shape of Barron's loss: 2 squared, 1 like Huber, 0 Cauchy, -2 Geman-McClure, -inf Welsch
+    #[arg(long, value_name = "ALPHA", default_value_t = DEFAULT_SHAPE, value_parser = shape, allow_negative_numbers = true)]
+    loss_shape: f64,
+
+    /// The most iterations, all rounds together
+    #[arg(long, value_name = "N", default_value_t = RefineOptions::default().max_iterations)]
+    max_iterations: usize,
+
+    /// Motion prior of vehicles: estimate its strength from the data, off, or A,B: scatter of the
+    /// mean acceleration over one second [m/s^2] and of the angular acceleration [deg/s^2]
+    #[arg(long, value_name = "PRIOR", default_value = "estimate", value_parser = motion_prior)]
+    vehicle_motion: MotionPrior,
+
+    /// Motion prior of the camera, likewise
+    #[arg(long, value_name = "PRIOR", default_value = "estimate", value_parser = motion_prior)]
+    camera_motion: MotionPrior,
+
+    #[command(flatten)]
+    output: OutputOptions,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let output = &arguments.output;
+    output.records()?;
+    let target = match &arguments.out {
+        Some(folder) => folder.clone(),
+        None => default_result_folder(&arguments.problem)?,
+    };
+    check_place(&target)?;
+    output.set_threads()?;
+    let begin = Instant::now();
+    let input = read(&arguments.problem)?;
+    output.warn(&input.warnings);
+    let problem = computable(input.problem)?;
+    let read_s = begin.elapsed().as_secs_f64();
+
+    let begin = Instant::now();
+    let initial = initialise(&problem, Method::RobustWhereNeeded);
+    output.warn(&initial.warnings);
+    let initialise_s = begin.elapsed().as_secs_f64();
+
+    let begin = Instant::now();
+    let options = RefineOptions {
+        loss: arguments.loss,
+        loss_scale: arguments.loss_scale,
+        loss_shape: arguments.loss_shape,
+        max_iterations: arguments.max_iterations,
+        motion: MotionPriors { camera: arguments.camera_motion, vehicle: arguments.vehicle_motion },
+    };
+    let sink = progress(output.verbose, output.quiet, options.max_iterations);
+    let (estimate, adjustment) = refine(&problem, &initial.estimate, &options, sink)?;
+    output.warn(&adjustment.warnings);
+    let mut report = report_of_adjustment(&problem, &adjustment, left_out(&problem, &estimate));
+    report.warnings.splice(0..0, input.warnings.into_iter().chain(initial.warnings.iter().cloned()));
+    report.seconds.insert("read", read_s);
+    report.seconds.insert("initialise", initialise_s);
+    report.seconds.insert("refine", begin.elapsed().as_secs_f64());
+
+    let tables = result_tables(&problem, &estimate, &adjustment.fits);
+    let records: Vec<_> = adjustment.rounds.iter().flat_map(|round| round.records.iter().copied()).collect();
+    let draw = |report: &Report| {
+        let summary = format!("# {}\n\n```\n{}```\n", problem.name, summary(&adjustment, report));
+        scene(&problem, &initial.estimate, &estimate, &adjustment.fits, &records, summary)
+    };
+    let folder = output.write(&target, &tables, &mut report, draw)?;
+    if !output.json && !output.quiet {
+        print(&summary(&adjustment, &report));
+        print(&format!("result      {}\n", folder.display()));
+    }
+    Ok(())
+}
+
+/// The result in a few lines.
+fn summary(adjustment: &Adjustment, report: &Report) -> String {
+    let number =
+        |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    let mut text = format!(
+        "adjusted    {} after {} ({})\n",
+        report.status.replace('_', " "),
+        counted(report.iterations, "iteration"),
+        report.stop
+    );
+    text += &format!("cost        {:.6e} to {:.6e}\n", adjustment.initial_cost, adjustment.final_cost);
+    text += &format!(
+        "sigma0      {} from {} and {}, redundancy {}\n",
+        number(report.sigma0, 4),
+        counted(report.observations, "row"),
+        counted(report.parameters, "parameter"),
+        report.redundancy
+    );
+    text += &format!(
+        "residuals   rms {} px (vehicles {}, targets {}), {}\n",
+        number(report.rms_px, 2),
+        number(report.rms_vehicle_px, 2),
+        number(report.rms_target_px, 2),
+        counted(report.outliers, "gross error")
+    );
+    for motion in &report.motion {
+        text += &format!(
+            "motion      of {}: acceleration {:.3} m/s^2, {:.3} deg/s^2 over one second{}\n",
+            motion.body,
+            motion.acceleration_mps2,
+            motion.angular_acceleration_degps2,
+            if motion.estimated { " (estimated)" } else { "" }
+        );
+    }
+    for check in &report.check_points {
+        text += &format!(
+            "check       {}: {} {} {} m\n",
+            check.target,
+            number(check.dx, 3),
+            number(check.dy, 3),
+            number(check.dz, 3)
+        );
+    }
+    text
+}

@@ -1,0 +1,543 @@
+//! A scene as a Rerun recording.
+//!
+//! Timelines: `frame` (number of the frame), `time` (video time) and `iteration`. What does not
+//! change is logged once without a time. Positions are relative to [`Scene::local_origin_m`].
+
+use crate::blueprint;
+use crate::scene::{Body, ImagePoint, ImagePointKind, Marking, Pose, Scene, State, TargetRole};
+use rerun::{
+    Clear, LineStrips3D, Pinhole, Points2D, Points3D, Quaternion, RecordingStream, RecordingStreamBuilder,
+    RecordingStreamError, Scalars, SerializationError, SeriesLines, TextDocument, TimeColumn, Transform3D,
+};
+use std::path::Path;
+
+/// Where things are in the recording.
+pub mod path {
+    /// The world, z up.
+    pub const WORLD: &str = "world";
+    /// The camera's pose.
+    pub const CAMERA: &str = "world/camera";
+    /// Its image plane; image points lie below.
+    pub const IMAGE: &str = "world/camera/image";
+    /// The points of each body, in its own frame.
+    pub const SHAPES: &str = "shapes";
+    /// Horizontal speed of each body.
+    pub const SPEED: &str = "plots/speed";
+    /// Root mean square of the residuals of each frame.
+    pub const RESIDUALS: &str = "plots/residuals";
+    /// Cost, damping and step of each iteration, as curves.
+    pub const ITERATIONS: &str = "plots/iterations";
+    /// Logarithm of the cost of each iteration, as bars.
+    pub const COST_BARS: &str = "plots/cost";
+    /// The summary.
+    pub const SUMMARY: &str = "summary";
+}
+
+/// Colours that differ in brightness too (after Okabe and Ito).
+mod colour {
+    /// Red, green, blue, opacity.
+    pub type Colour = u32;
+    pub const BEFORE: Colour = 0xE69F_00FF;
+    pub const AFTER: Colour = 0x56B4_E9FF;
+    pub const CONTROL: Colour = 0x009E_73FF;
+    pub const CHECK: Colour = 0xCC79_A7FF;
+    pub const TIE: Colour = 0xAAAA_AAFF;
+    pub const OBSERVED: Colour = 0xF0E4_42FF;
+    pub const REJECTED: Colour = 0xD55E_00FF;
+    pub const GROUND: Colour = 0x4646_46FF;
+}
+use colour::Colour;
+
+/// Half the width of lines on the screen.
+const BEFORE_WIDTH: f32 = 0.6;
+const AFTER_WIDTH: f32 = 1.5;
+
+/// A radius in points of the screen, which the viewer knows by its sign.
+fn on_screen(points: f32) -> f32 {
+    -points
+}
+
+/// The recording could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file or the stream failed.
+    #[error("the recording could not be written: {0}")]
+    Stream(#[from] RecordingStreamError),
+    /// Something does not fit the viewer's types.
+    #[error("the recording could not be encoded: {0}")]
+    Encoding(#[from] SerializationError),
+    /// What was recorded could not be brought to the disk.
+    #[error("the recording could not be finished: {0}")]
+    Flush(String),
+}
+
+/// Writes the recording of `scene` to `file`.
+pub fn save(scene: &Scene, file: &Path) -> Result<(), RecordingError> {
+    let stream = RecordingStreamBuilder::new("trackbundle")
+        .recording_id(scene.name.as_str())
+        .enabled(true)
+        .save(file)?;
+    record(scene, &stream)?;
+    stream.flush_blocking().map_err(|error| RecordingError::Flush(error.to_string()))
+}
+
+/// Sends layout and scene to a stream.
+fn record(scene: &Scene, stream: &RecordingStream) -> Recorded {
+    stream.set_log_time_enabled(false);
+    stream.set_log_tick_enabled(false);
+    stream.send_recording_name(scene.name.as_str())?;
+    blueprint::layout(scene.bodies.iter().map(|body| body.id.as_str())).send(stream, Default::default())?;
+    Recorder { stream, scene, origin_m: scene.local_origin_m() }.record()
+}
+
+struct Recorder<'a> {
+    stream: &'a RecordingStream,
+    scene: &'a Scene,
+    origin_m: [f64; 3],
+}
+
+type Recorded = Result<(), RecordingError>;
+
+impl Recorder<'_> {
+    fn record(&self) -> Recorded {
+        self.stream.log_static(path::WORLD, &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
+        self.ground()?;
+        self.targets()?;
+        self.camera()?;
+        for body in &self.scene.bodies {
+            self.body(body)?;
+        }
+        self.image_points()?;
+        self.residuals()?;
+        self.iterations()?;
+        self.summary()
+    }
+
+    fn local(&self, position_m: [f64; 3]) -> [f32; 3] {
+        std::array::from_fn(|axis| (position_m[axis] - self.origin_m[axis]) as f32)
+    }
+
+    /// Frame and time columns for rows at these frames.
+    fn times(&self, frames: &[usize]) -> [TimeColumn; 2] {
+        let frames: Vec<_> = frames.iter().map(|at| self.scene.frames[*at]).collect();
+        [
+            TimeColumn::new_sequence("frame", frames.iter().map(|f| f.number)),
+            TimeColumn::new_duration_secs("time", frames.iter().map(|f| f.time_s)),
+        ]
+    }
+
+    fn strip(
+        &self,
+        entity: &str,
+        points: impl Iterator<Item = [f64; 3]>,
+        colour: Colour,
+        width: f32,
+    ) -> Recorded {
+        let strip: Vec<[f32; 3]> = points.map(|p| self.local(p)).collect();
+        let strips = LineStrips3D::new([strip]).with_colors([colour]).with_radii([on_screen(width)]);
+        Ok(self.stream.log_static(entity, &strips)?)
+    }
+
+    /// A grid of 10 m on the ground, around everything that moves.
+    fn ground(&self) -> Recorded {
+        let Some(z) = self.scene.ground_z_m else { return Ok(()) };
+        let tracks = self.scene.bodies.iter().flat_map(|b| b.after.track.iter().map(|t| t.position_m));
+        let targets = self.scene.targets.iter().map(|t| t.position_m);
+        let places: Vec<[f64; 3]> = tracks.chain(targets).collect();
+        let span = |axis: usize| {
+            let (low, high) = places.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
+                (low.min(p[axis]), high.max(p[axis]))
+            });
+            // A lost point must not make a grid of millions of lines.
+            let (low, high) = if low.is_finite() { (low, high.min(low + 2000.0)) } else { (0.0, 0.0) };
+            (10.0 * (low / 10.0).floor(), 10.0 * (high / 10.0).ceil())
+        };
+        let (x, y) = (span(0), span(1));
+        let steps = |(low, high): (f64, f64)| {
+            (0..=((high - low) / 10.0) as usize).map(move |i| low + 10.0 * i as f64)
+        };
+        let along_y = steps(x).map(|at| [self.local([at, y.0, z]), self.local([at, y.1, z])]);
+        let along_x = steps(y).map(|at| [self.local([x.0, at, z]), self.local([x.1, at, z])]);
+        let grid = LineStrips3D::new(along_y.chain(along_x)).with_colors([colour::GROUND]).with_radii([0.02]);
+        Ok(self.stream.log_static("world/ground", &grid)?)
+    }
+
+    fn targets(&self) -> Recorded {
+        for (role, name, colour) in [
+            (TargetRole::Control, "control", colour::CONTROL),
+            (TargetRole::Check, "check", colour::CHECK),
+            (TargetRole::Tie, "tie", colour::TIE),
+        ] {
+            let of_role: Vec<_> = self.scene.targets.iter().filter(|t| t.role == role).collect();
+            if of_role.is_empty() {
+                continue;
+            }
+            let points = Points3D::new(of_role.iter().map(|t| self.local(t.position_m)))
+                .with_colors([colour])
+                .with_radii([on_screen(3.0)])
+                .with_labels(of_role.iter().map(|t| t.id.as_str()))
+                .with_show_labels(false);
+            self.stream.log_static(format!("world/targets/{name}"), &points)?;
+        }
+        Ok(())
+    }
+
+    fn camera(&self) -> Recorded {
+        let camera = &self.scene.camera;
+        let [focal, principal] = [camera.focal_px, camera.principal_px].map(|v| v.map(|v| v as f32));
+        let height = camera.after.first().map_or(10.0, |pose| pose.position_m[2].abs()) as f32;
+        let pinhole = Pinhole::from_focal_length_and_resolution(focal, camera.size_px.map(|v| v as f32))
+            .with_principal_point(principal)
+            .with_image_plane_distance((0.1 * height).clamp(0.5, 10.0));
+        self.stream.log_static(path::IMAGE, &pinhole)?;
+        let frames: Vec<usize> = (0..camera.after.len()).collect();
+        self.poses(path::CAMERA, &frames, &camera.after)?;
+        let positions = |poses: &[Pose]| poses.iter().map(|p| p.position_m).collect::<Vec<_>>().into_iter();
+        self.strip("world/paths/camera/before", positions(&camera.before), colour::BEFORE, BEFORE_WIDTH)?;
+        self.strip("world/paths/camera/after", positions(&camera.after), colour::AFTER, AFTER_WIDTH)
+    }
+
+    fn poses(&self, entity: &str, frames: &[usize], poses: &[Pose]) -> Recorded {
+        let quaternion = |pose: &Pose| {
+            let [w, x, y, z] = pose.quaternion_wxyz.map(|v| v as f32);
+            Quaternion::from_xyzw([x, y, z, w])
+        };
+        let columns = Transform3D::update_fields()
+            .with_many_translation(poses.iter().map(|p| self.local(p.position_m)))
+            .with_many_quaternion(poses.iter().map(quaternion))
+            .columns_of_unit_batches()?;
+        Ok(self.stream.send_columns(entity, self.times(frames), columns)?)
+    }
+
+    fn body(&self, body: &Body) -> Recorded {
+        for (state, name, colour, radius_m, width) in [
+            (&body.before, "before", colour::BEFORE, 0.02, BEFORE_WIDTH),
+            (&body.after, "after", colour::AFTER, 0.035, AFTER_WIDTH),
+        ] {
+            let entity = format!("world/bodies/{}/{name}", body.id);
+            let (frames, poses): (Vec<usize>, Vec<Pose>) = state.poses.iter().copied().unzip();
+            let (Some(first), Some(last)) = (frames.first(), frames.last()) else { continue };
+            self.poses(&entity, &frames, &poses)?;
+            // The points appear and go with the body; a static point would stay.
+            let points: Vec<[f32; 3]> = state.points_m.iter().map(|p| p.map(|v| v as f32)).collect();
+            let count = points.len();
+            let own_frame = format!("{}/{}", path::SHAPES, body.id);
+            self.stream.log_static(own_frame.as_str(), &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
+            let shape = Points3D::new(points.clone()).with_colors([colour]).with_radii([0.6 * radius_m]);
+            self.stream.log_static(format!("{own_frame}/{name}"), &shape)?;
+            let style = Points3D::update_fields().with_colors([colour]).with_radii([radius_m]);
+            self.stream.log_static(format!("{entity}/shape"), &style)?;
+            let columns = Points3D::update_fields().with_positions(points).columns([count])?;
+            self.stream.send_columns(format!("{entity}/shape"), self.times(&[*first]), columns)?;
+            if last + 1 < self.scene.frames.len() {
+                let columns =
+                    Clear::update_fields().with_many_is_recursive([true]).columns_of_unit_batches()?;
+                self.stream.send_columns(entity.as_str(), self.times(&[last + 1]), columns)?;
+            }
+            let track = state.track.iter().map(|t| t.position_m);
+            self.strip(&format!("world/paths/{}/{name}", body.id), track, colour, width)?;
+            self.speed(&body.id, name, state, colour)?;
+        }
+        Ok(())
+    }
+
+    fn speed(&self, id: &str, name: &str, state: &State, colour: Colour) -> Recorded {
+        let known = state.track.iter().filter_map(|t| Some((t.frame, t.speed_mps?)));
+        let (frames, speeds): (Vec<usize>, Vec<f64>) = known.unzip();
+        let legend = format!("{id} {name}");
+        self.curve(&format!("{}/{id}/{name}", path::SPEED), &legend, colour, &frames, speeds)
+    }
+
+    fn curve(
+        &self,
+        entity: &str,
+        legend: &str,
+        colour: Colour,
+        frames: &[usize],
+        values: Vec<f64>,
+    ) -> Recorded {
+        let style = SeriesLines::new().with_colors([colour]).with_names([legend]).with_widths([2.0]);
+        self.stream.log_static(entity, &style)?;
+        let columns = Scalars::update_fields().with_scalars(values).columns_of_unit_batches()?;
+        Ok(self.stream.send_columns(entity, self.times(frames), columns)?)
+    }
+
+    fn image_points(&self) -> Recorded {
+        let is_good = |p: &&ImagePoint| p.marking == Marking::Good;
+        let is_rejected = |p: &&ImagePoint| p.marking == Marking::Rejected;
+        self.image_layer("observed", colour::OBSERVED, 2.0, |points| {
+            points.iter().filter(is_good).map(|p| p.observed_px).collect()
+        })?;
+        self.image_layer("computed", colour::AFTER, 1.25, |points| {
+            points.iter().filter_map(|p| p.computed_px).collect()
+        })?;
+        self.image_layer("rejected", colour::REJECTED, 2.5, |points| {
+            points.iter().filter(is_rejected).map(|p| p.observed_px).collect()
+        })
+    }
+
+    fn image_layer(
+        &self,
+        name: &str,
+        colour: Colour,
+        radius: f32,
+        pick: impl Fn(&[ImagePoint]) -> Vec<[f64; 2]>,
+    ) -> Recorded {
+        let entity = format!("{}/{name}", path::IMAGE);
+        let frames: Vec<usize> = (0..self.scene.image_points.len()).collect();
+        let per_frame: Vec<Vec<[f64; 2]>> =
+            self.scene.image_points.iter().map(|points| pick(points)).collect();
+        if per_frame.iter().all(Vec::is_empty) {
+            return Ok(());
+        }
+        let style = Points2D::update_fields().with_colors([colour]).with_radii([on_screen(radius)]);
+        self.stream.log_static(entity.as_str(), &style)?;
+        let positions = per_frame.iter().flatten().map(|p| p.map(|v| v as f32));
+        let columns = Points2D::update_fields()
+            .with_positions(positions)
+            .columns(per_frame.iter().map(Vec::len).collect::<Vec<_>>())?;
+        Ok(self.stream.send_columns(entity.as_str(), self.times(&frames), columns)?)
+    }
+
+    /// Root mean square per frame, of the coordinates of image points that take part.
+    fn residuals(&self) -> Recorded {
+        for (kind, name, colour) in [
+            (ImagePointKind::Body, "vehicle points", colour::AFTER),
+            (ImagePointKind::Target, "targets", colour::CONTROL),
+        ] {
+            let rms = |points: &Vec<ImagePoint>| {
+                let squares: Vec<f64> = points
+                    .iter()
+                    .filter(|p| p.kind == kind && p.marking == Marking::Good)
+                    .filter_map(|p| {
+                        let [u, v] = p.computed_px?;
+                        Some((p.observed_px[0] - u).powi(2) + (p.observed_px[1] - v).powi(2))
+                    })
+                    .collect();
+                (!squares.is_empty())
+                    .then(|| (squares.iter().sum::<f64>() / (2 * squares.len()) as f64).sqrt())
+            };
+            let per_frame = self.scene.image_points.iter().map(rms).enumerate();
+            let (frames, values): (Vec<usize>, Vec<f64>) =
+                per_frame.filter_map(|(at, v)| Some((at, v?))).unzip();
+            if !frames.is_empty() {
+                let entity = format!("{}/{}", path::RESIDUALS, name.replace(' ', "_"));
+                self.curve(&entity, name, colour, &frames, values)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn iterations(&self) -> Recorded {
+        let iterations = &self.scene.iterations;
+        if iterations.is_empty() {
+            return Ok(());
+        }
+        let log10 = |value: f64| value.max(1e-300).log10();
+        let bars: Vec<f64> = iterations.iter().map(|i| log10(i.cost)).collect();
+        self.stream.log_static(path::COST_BARS, &rerun::BarChart::new(bars).with_color(colour::AFTER))?;
+        let numbers = || [TimeColumn::new_sequence("iteration", 0..iterations.len() as i64)];
+        for (name, colour, values) in [
+            ("log10 cost", colour::AFTER, iterations.iter().map(|i| log10(i.cost)).collect::<Vec<f64>>()),
+            ("log10 damping", colour::BEFORE, iterations.iter().map(|i| log10(i.damping)).collect()),
+            ("log10 step", colour::CONTROL, iterations.iter().skip(1).map(|i| log10(i.step)).collect()),
+        ] {
+            let entity = format!("{}/{}", path::ITERATIONS, name.trim_start_matches("log10 "));
+            let style = SeriesLines::new().with_colors([colour]).with_names([name]).with_widths([2.0]);
+            self.stream.log_static(entity.as_str(), &style)?;
+            let skipped = iterations.len() - values.len();
+            let columns = Scalars::update_fields().with_scalars(values).columns_of_unit_batches()?;
+            let times = match skipped {
+                0 => numbers(),
+                _ => [TimeColumn::new_sequence("iteration", skipped as i64..iterations.len() as i64)],
+            };
+            self.stream.send_columns(entity.as_str(), times, columns)?;
+        }
+        Ok(())
+    }
+
+    fn summary(&self) -> Recorded {
+        let [x, y, z] = self.origin_m;
+        let text = format!(
+            "{}\n\nOrange, thin: before the adjustment. Blue, thick: after it. Green: control targets. \
+             In the camera's view yellow is observed, blue computed, red rejected.\n\n\
+             Zero of this recording in the world: ({x}, {y}, {z}) m.\n",
+            self.scene.summary
+        );
+        let document = TextDocument::new(text).with_media_type(rerun::MediaType::MARKDOWN);
+        Ok(self.stream.log_static(path::SUMMARY, &document)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Camera, Frame, Iteration, Target, TrackPoint};
+    use rerun::log::{Chunk, LogMsg};
+    use std::collections::{BTreeMap, BTreeSet};
+
+    /// Two frames, a body in the first one, a target, one good and one rejected image point.
+    fn scene() -> Scene {
+        let pose = |x: f64| Pose {
+            position_m: [700_000.0 + x, 5_000_000.0, 60.0],
+            quaternion_wxyz: [0.0, 1.0, 0.0, 0.0],
+        };
+        let state = || State {
+            points_m: vec![[1.0, 0.0, 1.5], [-1.0, 0.0, 1.5]],
+            poses: vec![(0, pose(1.0))],
+            track: vec![TrackPoint { frame: 0, position_m: pose(1.0).position_m, speed_mps: Some(3.0) }],
+        };
+        let image_point = |marking| ImagePoint {
+            kind: ImagePointKind::Body,
+            observed_px: [10.0, 20.0],
+            computed_px: Some([13.0, 16.0]),
+            marking,
+        };
+        Scene {
+            name: "test".to_owned(),
+            frames: vec![Frame { number: 7, time_s: 0.5 }, Frame { number: 8, time_s: 0.75 }],
+            camera: Camera {
+                size_px: [640, 480],
+                focal_px: [500.0, 500.0],
+                principal_px: [320.0, 240.0],
+                before: vec![pose(0.5), pose(0.5)],
+                after: vec![pose(0.0), pose(0.001)],
+            },
+            bodies: vec![Body { id: "car".to_owned(), before: state(), after: state() }],
+            targets: vec![Target {
+                id: "T1".to_owned(),
+                role: TargetRole::Control,
+                position_m: pose(3.0).position_m,
+            }],
+            image_points: vec![vec![image_point(Marking::Good), image_point(Marking::Rejected)], vec![]],
+            ground_z_m: Some(0.0),
+            iterations: vec![
+                Iteration { cost: 100.0, damping: 1e-9, step: 0.0 },
+                Iteration { cost: 1.0, damping: 1e-9, step: 10.0 },
+            ],
+            summary: "# test".to_owned(),
+        }
+    }
+
+    /// The chunks of a recorded scene, by entity.
+    fn recorded() -> BTreeMap<String, Vec<Chunk>> {
+        let (stream, storage) = RecordingStreamBuilder::new("test").enabled(true).memory().unwrap();
+        record(&scene(), &stream).unwrap();
+        stream.flush_blocking().unwrap();
+        let mut chunks: BTreeMap<String, Vec<Chunk>> = BTreeMap::new();
+        for message in storage.take() {
+            if let LogMsg::ArrowMsg(store, message) = message
+                && store.is_recording()
+            {
+                let chunk = Chunk::from_arrow_msg(&message).unwrap();
+                chunks.entry(chunk.entity_path().to_string()).or_default().push(chunk);
+            }
+        }
+        chunks
+    }
+
+    /// The numbers of a component whose name ends like this, all rows one after the other.
+    fn numbers(chunks: &[Chunk], component: &str) -> Vec<f64> {
+        let columns = chunks.iter().flat_map(|chunk| chunk.components().values());
+        let named = columns.filter(|column| column.descriptor.component.as_str().ends_with(component));
+        named
+            .flat_map(|column| {
+                let mut values = column.list_array.values().clone();
+                // Vectors are lists of a fixed size.
+                while let Some(list) =
+                    values.as_any().downcast_ref::<rerun::external::arrow::array::FixedSizeListArray>()
+                {
+                    values = list.values().clone();
+                }
+                let single = values.as_any().downcast_ref::<rerun::external::arrow::array::Float32Array>();
+                let double = values.as_any().downcast_ref::<rerun::external::arrow::array::Float64Array>();
+                match (single, double) {
+                    (Some(values), _) => values.values().iter().map(|v| f64::from(*v)).collect::<Vec<_>>(),
+                    (_, Some(values)) => values.values().to_vec(),
+                    _ => panic!("{component} holds no numbers"),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn everything_has_its_place() {
+        let recorded = recorded();
+        let found: BTreeSet<&str> = recorded.keys().map(String::as_str).collect();
+        for wanted in [
+            "/world",
+            "/world/ground",
+            "/world/targets/control",
+            "/world/camera",
+            "/world/camera/image",
+            "/world/camera/image/observed",
+            "/world/camera/image/computed",
+            "/world/camera/image/rejected",
+            "/world/paths/camera/before",
+            "/world/paths/camera/after",
+            "/world/paths/car/before",
+            "/world/paths/car/after",
+            "/world/bodies/car/before",
+            "/world/bodies/car/after",
+            "/world/bodies/car/after/shape",
+            "/shapes/car/before",
+            "/shapes/car/after",
+            "/plots/speed/car/after",
+            "/plots/residuals/vehicle_points",
+            "/plots/iterations/cost",
+            "/plots/cost",
+            "/summary",
+        ] {
+            assert!(found.contains(wanted), "{wanted} is not among {found:?}");
+        }
+    }
+
+    #[test]
+    fn three_timelines_and_no_other() {
+        let mut timelines = BTreeSet::new();
+        for chunk in recorded().values().flatten() {
+            timelines.extend(chunk.timelines().keys().map(|name| name.as_str().to_owned()));
+        }
+        assert_eq!(timelines.into_iter().collect::<Vec<_>>(), ["frame", "iteration", "time"]);
+    }
+
+    #[test]
+    fn large_coordinates_keep_their_millimetres() {
+        let recorded = recorded();
+        let positions = numbers(&recorded["/world/camera"], "translation");
+        assert_eq!(positions.len(), 6);
+        assert_eq!(positions[0], 0.0);
+        assert!((positions[3] - 0.001).abs() < 1e-6, "{positions:?}");
+        assert_eq!(numbers(&recorded["/world/targets/control"], "positions"), [3.0, 0.0, 60.0]);
+    }
+
+    #[test]
+    fn image_points_are_sorted_by_their_marking() {
+        let recorded = recorded();
+        let at = |layer: &str| numbers(&recorded[&format!("/world/camera/image/{layer}")], "positions");
+        assert_eq!(at("observed"), [10.0, 20.0]);
+        assert_eq!(at("rejected"), [10.0, 20.0]);
+        assert_eq!(at("computed"), [13.0, 16.0, 13.0, 16.0]);
+        // Residual (-3, 4): the root mean square of its coordinates.
+        let rms = numbers(&recorded["/plots/residuals/vehicle_points"], "scalars");
+        assert!((rms[0] - 12.5_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_cost_is_there_for_each_iteration() {
+        assert_eq!(numbers(&recorded()["/plots/iterations/cost"], "scalars"), [2.0, 0.0]);
+        assert_eq!(numbers(&recorded()["/plots/iterations/step"], "scalars"), [1.0]);
+    }
+
+    #[test]
+    fn a_recording_is_a_file() {
+        let folder = std::env::temp_dir().join(format!("trackbundle-viz-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("test.rrd");
+        save(&scene(), &file).unwrap();
+        let bytes = std::fs::read(&file).unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(bytes.starts_with(b"RRF"), "{:?}", &bytes[..4]);
+        assert!(save(&scene(), Path::new("/nowhere/at/all/test.rrd")).is_err());
+    }
+}

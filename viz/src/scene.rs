@@ -1,0 +1,189 @@
+//! The scene: plain numbers, 64 bits, in the world's coordinates (z up, metres).
+
+/// Everything that is drawn.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Its name.
+    pub name: String,
+    /// The frames of the film, in time order.
+    pub frames: Vec<Frame>,
+    /// The camera.
+    pub camera: Camera,
+    /// What moves.
+    pub bodies: Vec<Body>,
+    /// Points of the static world.
+    pub targets: Vec<Target>,
+    /// The image points of each frame.
+    pub image_points: Vec<Vec<ImagePoint>>,
+    /// Height of the ground, where it is known \[m\].
+    pub ground_z_m: Option<f64>,
+    /// The iterations of the adjustment, in order.
+    pub iterations: Vec<Iteration>,
+    /// A summary to read, in Markdown.
+    pub summary: String,
+}
+
+/// A frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Frame {
+    /// Its number.
+    pub number: i64,
+    /// Its time \[s\].
+    pub time_s: f64,
+}
+
+/// A rigid transform `world_from_body`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Position of the body's origin \[m\].
+    pub position_m: [f64; 3],
+    /// Unit quaternion, scalar first.
+    pub quaternion_wxyz: [f64; 4],
+}
+
+/// A camera that looks along z, x to the right, y down.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Camera {
+    /// Width and height of the image \[px\].
+    pub size_px: [u32; 2],
+    /// Focal lengths \[px\].
+    pub focal_px: [f64; 2],
+    /// Principal point \[px\].
+    pub principal_px: [f64; 2],
+    /// Its pose in each frame, before the adjustment.
+    pub before: Vec<Pose>,
+    /// Its pose in each frame, after the adjustment.
+    pub after: Vec<Pose>,
+}
+
+/// A rigid body that moves.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Body {
+    /// Its id.
+    pub id: String,
+    /// Before the adjustment.
+    pub before: State,
+    /// After it.
+    pub after: State,
+}
+
+/// Shape and motion of a body.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State {
+    /// Its points, in its own frame \[m\].
+    pub points_m: Vec<[f64; 3]>,
+    /// Its pose in each frame in which it is there.
+    pub poses: Vec<(usize, Pose)>,
+    /// The track of its marker.
+    pub track: Vec<TrackPoint>,
+}
+
+/// A place on a track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackPoint {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Position in the world \[m\].
+    pub position_m: [f64; 3],
+    /// Horizontal speed \[m/s\].
+    pub speed_mps: Option<f64>,
+}
+
+/// What a target is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TargetRole {
+    /// It was adjusted to.
+    Control,
+    /// It was only compared with.
+    Check,
+    /// It had no known coordinates.
+    Tie,
+}
+
+/// A point of the static world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// Its id.
+    pub id: String,
+    /// What it is for.
+    pub role: TargetRole,
+    /// Where it is \[m\].
+    pub position_m: [f64; 3],
+}
+
+/// What an image point shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImagePointKind {
+    /// A point of a moving body.
+    Body,
+    /// A target.
+    Target,
+}
+
+/// How an image point was taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Marking {
+    /// It takes part.
+    Good,
+    /// It is a gross error.
+    Rejected,
+    /// It takes no part for another reason.
+    NotUsed,
+}
+
+/// An image point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImagePoint {
+    /// What it shows.
+    pub kind: ImagePointKind,
+    /// Where it was seen \[px\].
+    pub observed_px: [f64; 2],
+    /// Where it should be, after the adjustment \[px\].
+    pub computed_px: Option<[f64; 2]>,
+    /// How it was taken.
+    pub marking: Marking,
+}
+
+/// One iteration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Iteration {
+    /// Cost after it.
+    pub cost: f64,
+    /// Damping of its step.
+    pub damping: f64,
+    /// Length of its step.
+    pub step: f64,
+}
+
+impl Scene {
+    /// The point that recordings put at zero, because the viewer keeps 32 bits: nothing where the
+    /// coordinates are small, else a round number in their midst \[m\].
+    pub fn local_origin_m(&self) -> [f64; 3] {
+        let places: Vec<[f64; 3]> = self.camera.after.iter().map(|pose| pose.position_m).collect();
+        std::array::from_fn(|axis| {
+            let mean = places.iter().map(|p| p[axis]).sum::<f64>() / places.len().max(1) as f64;
+            if mean.abs() < SMALL_M { 0.0 } else { (mean / ROUND_M).round() * ROUND_M }
+        })
+    }
+}
+
+/// Up to here 32 bits hold a tenth of a millimetre \[m\].
+const SMALL_M: f64 = 1000.0;
+const ROUND_M: f64 = 100.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene_at(position_m: [f64; 3]) -> Scene {
+        let pose = Pose { position_m, quaternion_wxyz: [1.0, 0.0, 0.0, 0.0] };
+        Scene { camera: Camera { after: vec![pose], ..Default::default() }, ..Default::default() }
+    }
+
+    #[test]
+    fn small_coordinates_stay_and_large_ones_are_shifted_by_a_round_number() {
+        assert_eq!(scene_at([-20.0, 0.0, 60.0]).local_origin_m(), [0.0; 3]);
+        let shifted = scene_at([691_234.5, 5_334_760.2, 580.0]).local_origin_m();
+        assert_eq!(shifted, [691_200.0, 5_334_800.0, 0.0]);
+    }
+}
