@@ -46,7 +46,7 @@ mod tests {
 
     fn samples() -> Vec<Vector3<f64>> {
         let direction = Vector3::new(0.3, -0.5, 0.7).normalize();
-        [0.0, 1e-12, 1e-7, 0.9e-4, 1.1e-4, 0.01, 0.5, 2.0, 3.14].map(|angle| direction * angle).to_vec()
+        [0.0, 1e-12, 1e-7, 0.9e-4, 1.1e-4, 0.01, 0.5, 2.0, 3.13].map(|angle| direction * angle).to_vec()
     }
 
     #[test]

@@ -14,6 +14,7 @@
 //! `(x A3 - A1) M = b1 - x b3`, `(y A3 - A2) M = b2 - y b3`.
 
 use crate::geometry::Pose;
+use crate::nlls::loss::LossName;
 use crate::problem::Known;
 use nalgebra::{Dyn, Matrix3, OMatrix, OVector, Point3, U3, Vector2, Vector3};
 
@@ -24,6 +25,8 @@ const EXACT_SIGMA_M: f64 = 1e-6;
 /// Ratio of root mean square to median of residuals beyond which their tails are heavy. Normal
 /// errors of two coordinates have 1.20.
 const HEAVY_TAIL: f64 = 1.5;
+/// Re-weightings of [`LinearPoint::polish`].
+const POLISH_STEPS: usize = 5;
 /// The middle of a car in its frame and how far it reaches to either side \[m\].
 const BODY_MIDDLE_M: [(f64, f64); 3] = [(0.0, 3.0), (0.0, 1.5), (1.0, 1.0)];
 /// Fewest sightings that say anything about tails.
@@ -105,16 +108,18 @@ impl LinearPoint {
         (0..self.sightings).map(|at| residual[2 * at].hypot(residual[2 * at + 1])).collect()
     }
 
-    /// Root mean square of the rays' residuals at a point, in standard deviations, and at least 1.
+    /// What the residuals of the rays scatter at a point, in standard deviations, and at least 1; half
+    /// of them may be gross.
     pub fn spread(&self, point: &Point3<f64>) -> f64 {
-        let norms = self.residual_norms(point);
-        let squares: f64 = norms.iter().map(|n| n * n).sum();
-        (squares / (2 * norms.len()) as f64).sqrt().max(1.0)
+        let mut norms = self.residual_norms(point);
+        norms.sort_by(f64::total_cmp);
+        // The norm of two unit normal numbers has the median sqrt(2 ln 2).
+        (norms[norms.len() / 2] / (2.0 * 2_f64.ln()).sqrt()).max(1.0)
     }
 
-    /// The point as a compromise between rays that scatter by `spread` standard deviations and the
-    /// middle of a car: for a point whose depth the rays leave open.
-    pub fn drawn_to_body(&self, spread: f64) -> Option<Point3<f64>> {
+    /// The same rows and three more, which draw the point to the middle of a car as much as rays that
+    /// scatter by `spread` standard deviations leave open.
+    pub fn drawn_to_body(&self, spread: f64) -> LinearPoint {
         let first = self.rows.nrows();
         let mut drawn = LinearPoint {
             rows: self.rows.clone().insert_rows(first, 3, 0.0),
@@ -125,7 +130,26 @@ impl LinearPoint {
             drawn.rows[(first + axis, axis)] = spread / half_size_m;
             drawn.right[first + axis] = spread * middle_m / half_size_m;
         }
-        drawn.solve()
+        drawn
+    }
+
+    /// The point with the least sum of Tukey's loss near `start`, by re-weighted least squares: what is
+    /// farther off than 5.12 times `spread` standard deviations counts no more.
+    pub fn polish(&self, start: &Point3<f64>, spread: f64) -> Option<Point3<f64>> {
+        let loss = LossName::Tukey.with_scale(LossName::Tukey.default_scale() * spread, 0.0);
+        let mut point = *start;
+        for _ in 0..POLISH_STEPS {
+            let mut weighted = self.clone();
+            for (at, norm) in self.residual_norms(&point).into_iter().enumerate() {
+                let root = loss.weight(norm * norm).sqrt();
+                for row in [2 * at, 2 * at + 1] {
+                    weighted.rows.row_mut(row).scale_mut(root);
+                    weighted.right[row] *= root;
+                }
+            }
+            point = weighted.solve()?;
+        }
+        Some(point)
     }
 
     /// Whether some sightings fit much worse than most.
@@ -206,7 +230,7 @@ mod tests {
         let linear = LinearPoint::new(&sightings, &[None; 3]);
         let plain = linear.solve().unwrap();
         assert!((plain - truth).norm() > 2.0 && linear.largest_sigma_m() > 2.0);
-        let drawn = linear.drawn_to_body(linear.spread(&plain)).unwrap();
+        let drawn = linear.drawn_to_body(linear.spread(&plain)).solve().unwrap();
         assert!((drawn - truth).norm() < 1.0, "{drawn}");
     }
 

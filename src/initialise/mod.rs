@@ -5,7 +5,6 @@ pub mod robust_dlt;
 
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::nlls::loss::LossName;
 use crate::problem::{Problem, Role, Vehicle};
 use dlt::{LinearPoint, Sighting};
 use nalgebra::Point3;
@@ -20,6 +19,12 @@ const LEAST_PARALLAX: f64 = 0.01;
 
 /// From this standard deviation on the depth of a shape point is said to be left open by its rays.
 const OPEN_DEPTH_M: f64 = 0.3;
+
+/// Where more than this share of a vehicle's points have gross errors, all are suspected.
+const SUSPECT_SHARE: f64 = 0.02;
+
+/// Where a residual turns linear, in standard deviations of an image point.
+const HUBER: f64 = 1.5;
 
 /// How a shape is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,24 +107,38 @@ fn shape(
         });
     }
     let determinable = vehicle.determinable();
-    (0..vehicle.points.len())
+    let points = 0..vehicle.points.len();
+    let plain: Vec<Option<(LinearPoint, Point3<f64>)>> = points
         .into_par_iter()
         .map(|point| {
-            if !determinable[point] {
-                return None;
-            }
             let linear = LinearPoint::new(&sightings[point], &vehicle.points[point].known);
-            let plain = linear.solve()?;
-            if method == Method::RobustWhereNeeded && linear.has_heavy_tails(&plain) {
-                let huber = LossName::Huber.default_scale();
-                if let Some(point) = robust_dlt::solve(&linear, huber) {
-                    return Some(Fit { point, robust: true });
-                }
-            }
-            let spread = linear.spread(&plain);
-            let open = linear.largest_sigma_m() * spread > OPEN_DEPTH_M;
-            let point = if open { linear.drawn_to_body(spread)? } else { plain };
-            Some(Fit { point, robust: false })
+            let plain = linear.solve().filter(|_| determinable[point])?;
+            Some((linear, plain))
+        })
+        .collect();
+    let heavy = |fit: &(LinearPoint, Point3<f64>)| fit.0.has_heavy_tails(&fit.1);
+    let heavy_count = plain.iter().flatten().filter(|fit| heavy(fit)).count();
+    // A plain fit may hide its gross errors; where many points have some, all are suspected.
+    let all_are_suspect = heavy_count as f64 > SUSPECT_SHARE * plain.iter().flatten().count() as f64;
+    plain
+        .into_par_iter()
+        .map(|fit| {
+            let fit = fit?;
+            let is_suspect = method == Method::RobustWhereNeeded && (all_are_suspect || heavy(&fit));
+            let (linear, plain) = fit;
+            let robust = is_suspect.then(|| robust_dlt::solve(&linear, HUBER)).flatten();
+            let point = robust.unwrap_or(plain);
+            let spread = linear.spread(&point);
+            let is_open = linear.largest_sigma_m() * spread > OPEN_DEPTH_M;
+            let system = if is_open { linear.drawn_to_body(spread) } else { linear };
+            let point = match (robust, is_open) {
+                // Good rays scatter with the starting poses, all points of a frame alike; gross errors
+                // scatter each for itself, and even a bounded pull of theirs would bend the shape.
+                (Some(near), _) => system.polish(&near, spread).unwrap_or(near),
+                (None, true) => system.solve()?,
+                (None, false) => plain,
+            };
+            Some(Fit { point, robust: robust.is_some() })
         })
         .collect()
 }
@@ -154,7 +173,7 @@ pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize)
         return None;
     }
     if linear.has_heavy_tails(&plain) {
-        return robust_dlt::solve_anywhere(&linear, LossName::Huber.default_scale()).or(Some(plain));
+        return robust_dlt::solve_anywhere(&linear, HUBER).or(Some(plain));
     }
     Some(plain)
 }

@@ -459,3 +459,154 @@ impl Observe<LmState> for WatchObserver {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nlls::loss::Loss;
+    use crate::nlls::manifold::Manifold;
+    use crate::nlls::residual::{Jacobian, Residual};
+    use crate::nlls::system::{BlockId, Measurement, SystemBuilder};
+    use nalgebra::{Matrix2, Vector1, Vector2};
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    /// Rosenbrock's valley as a sum of squares: `(10 (y - x^2), 1 - x)`.
+    struct Valley;
+
+    impl Residual<2, 1> for Valley {
+        const MANIFOLDS: [Manifold; 1] = [Manifold::Vector(2)];
+        fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<2, 1>>) -> Option<Vector2<f64>> {
+            let [x, y] = [x[0][0], x[0][1]];
+            if let Some(jacobian) = jacobian {
+                jacobian.set(0, 0, &Matrix2::new(-20.0 * x, 10.0, -1.0, 0.0));
+            }
+            Some(Vector2::new(10.0 * (y - x * x), 1.0 - x))
+        }
+    }
+
+    /// A number that was measured; impossible where the unknown is not positive.
+    struct Measured(f64);
+
+    impl Residual<1, 1> for Measured {
+        const MANIFOLDS: [Manifold; 1] = [Manifold::SCALAR];
+        fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<1, 1>>) -> Option<Vector1<f64>> {
+            if let Some(jacobian) = jacobian {
+                jacobian.set(0, 0, &Vector1::new(1.0));
+            }
+            (x[0][0] > 0.0).then(|| Vector1::new(x[0][0] - self.0))
+        }
+    }
+
+    fn valley() -> System {
+        let mut builder = SystemBuilder::default();
+        let block = builder.add_block(Manifold::Vector(2), &[-1.2, 1.0], &[true, true]);
+        builder.add_group(
+            "valley",
+            Loss::Squared,
+            vec![Measurement { residual: Valley, blocks: [block], sigma: [1.0; 2] }],
+        );
+        builder.build()
+    }
+
+    fn measured(start: f64, loss: Loss, values: &[f64]) -> (System, BlockId) {
+        let mut builder = SystemBuilder::default();
+        let block = builder.add_block(Manifold::SCALAR, &[start], &[true]);
+        let items =
+            values.iter().map(|v| Measurement { residual: Measured(*v), blocks: [block], sigma: [1.0] });
+        builder.add_group("measured", loss, items.collect());
+        (builder.build(), block)
+    }
+
+    fn run(system: &System, options: MinimiserOptions) -> Minimum {
+        Minimiser::new(system).unwrap().run(system, system.start(), options, None)
+    }
+
+    #[test]
+    fn a_curved_valley_is_followed_to_its_end() {
+        let system = valley();
+        let minimum = run(&system, MinimiserOptions::default());
+        assert!(minimum.stop.converged(), "{}", minimum.stop);
+        assert!(minimum.cost.value < 1e-20, "{:?}", minimum.cost);
+        assert!(minimum.records.len() < 60, "{}", minimum.records.len());
+    }
+
+    #[test]
+    fn the_cost_never_rises_and_the_records_say_so() {
+        let seen = Rc::new(RefCell::new(Vec::new()));
+        let system = valley();
+        let watch = {
+            let seen = seen.clone();
+            Box::new(move |record: &IterationRecord| seen.borrow_mut().push(*record))
+        };
+        let minimum = Minimiser::new(&system).unwrap().run(
+            &system,
+            system.start(),
+            MinimiserOptions::default(),
+            Some(watch),
+        );
+        assert_eq!(*seen.borrow(), minimum.records, "the observer sees every iteration");
+        for (before, after) in minimum.records.iter().zip(&minimum.records[1..]) {
+            assert_eq!(after.iteration, before.iteration + 1);
+            assert!(if after.accepted { after.cost < before.cost } else { after.cost == before.cost });
+        }
+        assert!(minimum.records.iter().any(|r| !r.accepted), "this valley rejects steps");
+    }
+
+    #[test]
+    fn a_limit_of_iterations_is_a_reason() {
+        let minimum = run(&valley(), MinimiserOptions { max_iterations: 2, ..Default::default() });
+        assert_eq!(minimum.stop, Stop::Iterations { limit: 2 });
+        assert!(!minimum.stop.converged());
+        assert_eq!(minimum.records.len(), 3);
+        let none = run(&valley(), MinimiserOptions { max_iterations: 0, ..Default::default() });
+        assert_eq!(none.values, *valley().start());
+    }
+
+    #[test]
+    fn a_mean_is_found_and_a_robust_mean_ignores_gross_errors() {
+        let values = [2.0, 2.5, 3.0, 1.5, 100.0];
+        let (system, block) = measured(2.2, Loss::Squared, &values);
+        let minimum = run(&system, MinimiserOptions::default());
+        assert!((system.value(&minimum.values, block)[0] - 21.8).abs() < 1e-6);
+        let (system, block) = measured(2.2, Loss::Tukey { scale: 5.0 }, &values);
+        let minimum = run(&system, MinimiserOptions { relative_decrease: 1e-14, ..Default::default() });
+        assert!((system.value(&minimum.values, block)[0] - 2.25).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_step_into_the_impossible_is_not_taken() {
+        // Least squares alone would go to -5, where the residual has no value.
+        let (system, block) = measured(3.0, Loss::Squared, &[-5.0]);
+        let minimum = run(&system, MinimiserOptions::default());
+        assert_eq!(minimum.cost.impossible, 0);
+        assert!(system.value(&minimum.values, block)[0] > 0.0);
+        assert!(minimum.cost.value < 32.0, "it went as far as it could: {:?}", minimum.cost);
+    }
+
+    #[test]
+    fn a_start_in_the_impossible_stays_and_is_told() {
+        let (system, _) = measured(-3.0, Loss::Squared, &[1.0, 2.0]);
+        let minimum = run(&system, MinimiserOptions::default());
+        assert_eq!(minimum.cost.impossible, 2);
+        assert_eq!(minimum.stop, Stop::ZeroGradient);
+    }
+
+    #[test]
+    fn nothing_to_adjust_is_no_error() {
+        let system = SystemBuilder::default().build();
+        assert_eq!(run(&system, MinimiserOptions::default()).stop, Stop::ZeroGradient);
+    }
+
+    #[test]
+    fn the_factors_at_the_end_are_those_of_the_minimum() {
+        let system = valley();
+        let mut minimiser = Minimiser::new(&system).unwrap();
+        let minimum = minimiser.run(&system, system.start(), MinimiserOptions::default(), None);
+        let (_, cholesky) = minimiser.factors(&system, &minimum.values).unwrap();
+        // H at (1, 1) is J^T J with J = [-20 10; -1 0].
+        let mut right = [401.0, -200.0];
+        cholesky.solve(&mut right);
+        assert!((right[0] - 1.0).abs() < 1e-4 && right[1].abs() < 1e-4, "{right:?}");
+    }
+}

@@ -26,6 +26,9 @@ const LEAST_HEIGHT_SIGMA_M: f64 = 1e-4;
 /// How far beyond the box of a body a point may stick out \[m\].
 const BODY_BOX_SIGMA_M: f64 = 0.1;
 
+/// Standard deviation of the starting shape as a whole, where nothing else knows the scale \[m\].
+const STARTING_SHAPE_SIGMA_M: f64 = 0.2;
+
 /// A system and where the unknowns of an estimate are in it.
 pub struct Model {
     /// The least-squares problem.
@@ -38,8 +41,12 @@ pub struct Model {
     pub warnings: Vec<String>,
     /// Groups of image points: of vehicles, of targets.
     images: [GroupId; 2],
-    /// Every other group but those of motion.
+    /// Every other group whose rows are observations of their own, but those of motion.
     priors: Vec<GroupId>,
+    /// Groups whose rows together weigh as much as one observation of a few numbers, and how many
+    /// numbers that is.
+    datum: Vec<GroupId>,
+    datum_rows: usize,
     blocks: Blocks,
 }
 
@@ -83,14 +90,28 @@ impl Model {
         let images = add_images(&mut builder, problem, &blocks);
         let highest_points = highest_points(problem, current);
         let mut groups = add_knowledge(&mut builder, problem, &blocks, &highest_points);
-        groups.extend(add_starting_poses(&mut builder, problem, start, &blocks, &cameras, &vehicles));
+        let poses = add_starting_poses(&mut builder, problem, start, &blocks, &cameras, &vehicles);
+        let (shapes, shape_rows) = add_starting_shapes(&mut builder, problem, start, &blocks);
+        let free = |treatment: &Treatment| treatment.free.iter().filter(|free| **free).count();
+        let adjusted = vehicles.iter().zip(&start.vehicles).filter(|(_, start)| start.left_out.is_none());
+        let pose_rows = free(&cameras) + adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>();
         if let Some(ground) = &problem.ground {
             groups.extend(add_contacts(&mut builder, problem, ground, &blocks));
         }
         add_body_boxes(&mut builder, &blocks);
         let motion = add_motion(&mut builder, problem, &blocks, priors);
         let system = builder.build();
-        Model { system, highest_points, motion, warnings, images, priors: groups, blocks }
+        Model {
+            system,
+            highest_points,
+            motion,
+            warnings,
+            images,
+            priors: groups,
+            datum: poses.into_iter().chain([shapes]).collect(),
+            datum_rows: pose_rows + shape_rows,
+            blocks,
+        }
     }
 
     /// Sets the loss of all image points.
@@ -100,13 +121,8 @@ impl Model {
 
     /// Robust spread of the whitened image points of vehicles: 1 where their sigmas are right.
     pub fn spread(&self, values: &Values) -> f64 {
-        // The norm of two unit normal numbers has this median.
-        let normal_median = (2.0 * 2_f64.ln()).sqrt();
-        let norm = |s: Option<f64>| s.map_or(f64::INFINITY, f64::sqrt);
-        let mut norms: Vec<f64> =
-            self.system.squared_norms(self.images[0], values).into_iter().map(norm).collect();
-        norms.sort_by(f64::total_cmp);
-        norms.get(norms.len() / 2).map_or(1.0, |median| (median / normal_median).min(1e3))
+        let squares = self.system.squared_norms(self.images[0], values);
+        robust_spread(squares.into_iter().map(|s| s.unwrap_or(f64::INFINITY)).collect())
     }
 
     /// Estimates the strength of the motion priors anew and returns the largest factor by which one
@@ -122,11 +138,11 @@ impl Model {
 
     /// Rows of everything but image points, and the sum of their whitened squares.
     pub fn prior_rows(&self, values: &Values) -> (usize, f64) {
-        let groups = self.priors.iter().copied().chain(self.motion.groups());
-        groups.fold((0, 0.0), |(rows, sum), group| {
-            let squares: f64 = self.system.squared_norms(group, values).into_iter().flatten().sum();
-            (rows + self.system.rows(group), sum + squares)
-        })
+        let squares =
+            |group: GroupId| -> f64 { self.system.squared_norms(group, values).into_iter().flatten().sum() };
+        let counted: Vec<GroupId> = self.priors.iter().copied().chain(self.motion.groups()).collect();
+        let rows: usize = counted.iter().map(|group| self.system.rows(*group)).sum();
+        (rows + self.datum_rows, counted.iter().chain(&self.datum).map(|group| squares(*group)).sum())
     }
 
     /// The values of an estimate.
@@ -181,6 +197,26 @@ impl Model {
             terrain_bias_m: self.system.value(values, self.blocks.bias)[0],
         }
     }
+}
+
+/// Standard deviation per coordinate of pairs with these squared norms, of which less than half may be
+/// gross: from the median on, the root mean square of those within three standard deviations, corrected
+/// for the cut.
+fn robust_spread(mut squares: Vec<f64>) -> f64 {
+    if squares.is_empty() {
+        return 1.0;
+    }
+    squares.sort_by(f64::total_cmp);
+    // Half the squared norm of two unit normal numbers is exponential: its median is ln 2.
+    let mut variance = (0.5 * squares[squares.len() / 2] / 2_f64.ln()).clamp(1e-6, 1e6);
+    let half_cut: f64 = 4.5;
+    let left = (1.0 - (-half_cut).exp() * (1.0 + half_cut)) / (1.0 - (-half_cut).exp());
+    for _ in 0..20 {
+        let inside = squares.partition_point(|s| 0.5 * s < half_cut * variance).max(1);
+        let mean = squares[..inside].iter().sum::<f64>() / (2 * inside) as f64;
+        variance = (mean / left).clamp(1e-6, 1e6);
+    }
+    variance.sqrt()
 }
 
 /// The highest point of each vehicle whose height is known, among those that are seen at least half
@@ -343,6 +379,34 @@ fn add_knowledge(
     ]
 }
 
+/// Where nothing fixes the scale of a vehicle, its origin and its shape would drift apart along the
+/// rays: the starting shape holds it where it is, with the weight of one observation.
+fn add_starting_shapes(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    start: &Estimate,
+    blocks: &Blocks,
+) -> (GroupId, usize) {
+    let mut rows = Vec::new();
+    let mut numbers = 0;
+    for ((vehicle, blocks), start) in problem.vehicles.iter().zip(&blocks.vehicles).zip(&start.vehicles) {
+        if datum::scale_gap(problem, vehicle).is_none() {
+            continue;
+        }
+        let points: Vec<_> =
+            blocks.points.iter().zip(&start.points).filter_map(|(b, p)| Some(((*b)?, (*p)?))).collect();
+        let sigma_m = STARTING_SHAPE_SIGMA_M * (points.len() as f64).sqrt();
+        numbers += if points.is_empty() { 0 } else { 3 };
+        for (block, point) in points {
+            for axis in 0..3 {
+                let residual = KnownCoordinate { axis, known_m: point[axis] };
+                rows.push(Measurement { residual, blocks: [block], sigma: [sigma_m] });
+            }
+        }
+    }
+    (builder.add_group("starting shape", Loss::Squared, rows), numbers)
+}
+
 /// Keeps points without depth near the body. Takes no part in the statistics.
 fn add_body_boxes(builder: &mut SystemBuilder, blocks: &Blocks) {
     let points = blocks.vehicles.iter().flat_map(|vehicle| vehicle.points.iter().flatten());
@@ -438,4 +502,30 @@ fn add_motion(
         motion.add(builder, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle);
     }
     motion
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    #[test]
+    fn the_spread_is_that_of_the_good_ones() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut squares = |gross_share: f64| -> Vec<f64> {
+            let one = |_| match rng.random::<f64>() {
+                r if r < gross_share => rng.random_range(40.0..4000.0),
+                _ => -2.0 * 1.7 * 1.7 * rng.random_range(f64::EPSILON..1.0).ln(),
+            };
+            (0..20_000).map(one).collect()
+        };
+        for (gross_share, tolerance) in [(0.0, 0.01), (0.2, 0.02), (0.45, 0.05)] {
+            let found = robust_spread(squares(gross_share)) / 1.7;
+            assert!((found - 1.0).abs() < tolerance, "{gross_share}: {found}");
+        }
+        assert_eq!(robust_spread(Vec::new()), 1.0);
+        assert!(robust_spread(vec![0.0; 5]) > 0.0);
+        assert!(robust_spread(vec![f64::INFINITY; 5]).is_finite());
+    }
 }

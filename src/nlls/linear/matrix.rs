@@ -153,8 +153,8 @@ impl BlockMatrix {
         let mut product = vec![0.0; x.len()];
         let (starts, rows) = (self.symbolic.col_ptr(), self.symbolic.row_idx());
         for column in 0..self.size() {
-            for at in starts[column]..starts[column + 1] {
-                let (row, value) = (rows[at], self.values[at]);
+            let range = starts[column]..starts[column + 1];
+            for (&row, value) in rows[range.clone()].iter().zip(&self.values[range]) {
                 product[row] += value * x[column];
                 if row != column {
                     product[column] += value * x[row];

@@ -6,6 +6,8 @@
 mod assembly;
 mod group;
 mod orbit;
+#[cfg(test)]
+mod tests;
 
 pub use group::{IMPOSSIBLE_SIGMAS, Measurement};
 

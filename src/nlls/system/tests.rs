@@ -1,0 +1,362 @@
+//! The system against dense algebra and finite differences.
+
+use super::*;
+use crate::geometry::{pose, rotation::exp};
+use crate::nlls::linear::cholesky::Cholesky;
+use crate::nlls::loss::LossName;
+use crate::nlls::manifold::{pose_minus, pose_minus_jacobian, read_pose, write_pose};
+use crate::nlls::residual::Jacobian;
+use nalgebra::{DMatrix, DVector, RowVector3, SMatrix, SVector, Vector1, Vector3};
+
+/// Difference of two poses and a measured one.
+struct Between(crate::geometry::Pose);
+
+impl Residual<6, 2> for Between {
+    const MANIFOLDS: [Manifold; 2] = [Manifold::Pose; 2];
+    fn evaluate(&self, x: &[&[f64]; 2], jacobian: Option<&mut Jacobian<6, 2>>) -> Option<SVector<f64, 6>> {
+        // Of the first pose against the second moved by the measurement; by the second, numerically.
+        let (a, b) = (read_pose(x[0]), read_pose(x[1]));
+        let value = |b: &crate::geometry::Pose| pose_minus(&a, &(b * self.0));
+        if let Some(jacobian) = jacobian {
+            jacobian.set(0, 0, &pose_minus_jacobian(&a, &(b * self.0)));
+            let mut by_b = SMatrix::<f64, 6, 6>::zeros();
+            for column in 0..6 {
+                let at = |step: f64| {
+                    let mut delta = [0.0; 6];
+                    delta[column] = step;
+                    let mut moved = [0.0; 7];
+                    Manifold::Pose.plus(x[1], &delta, &mut moved);
+                    value(&read_pose(&moved))
+                };
+                by_b.set_column(column, &((at(1e-5) - at(-1e-5)) / 2e-5));
+            }
+            jacobian.set(1, 0, &by_b);
+        }
+        Some(value(&b))
+    }
+}
+
+/// Distance of a point, in the frame of a pose, from a measured place. Impossible above z = 50.
+struct Seen(Vector3<f64>);
+
+impl Residual<3, 2> for Seen {
+    const MANIFOLDS: [Manifold; 2] = [Manifold::Pose, Manifold::POINT];
+    fn evaluate(&self, x: &[&[f64]; 2], jacobian: Option<&mut Jacobian<3, 2>>) -> Option<Vector3<f64>> {
+        let pose = read_pose(x[0]);
+        let point = Vector3::from_column_slice(x[1]);
+        let inverse = pose.rotation.inverse().to_rotation_matrix();
+        let local = inverse * (point - pose.translation.vector);
+        if let Some(jacobian) = jacobian {
+            jacobian.set(0, 0, &-inverse.matrix());
+            jacobian.set(0, 3, &crate::geometry::skew(&local));
+            jacobian.set(1, 0, inverse.matrix());
+        }
+        (point.z < 50.0).then(|| local - self.0)
+    }
+}
+
+/// One coordinate of a point against a scalar.
+struct Level(usize);
+
+impl Residual<1, 2> for Level {
+    const MANIFOLDS: [Manifold; 2] = [Manifold::POINT, Manifold::SCALAR];
+    fn evaluate(&self, x: &[&[f64]; 2], jacobian: Option<&mut Jacobian<1, 2>>) -> Option<Vector1<f64>> {
+        if let Some(jacobian) = jacobian {
+            let mut row = RowVector3::zeros();
+            row[self.0] = 1.0;
+            jacobian.set(0, 0, &row);
+            jacobian.set(1, 0, &SMatrix::<f64, 1, 1>::new(-1.0));
+        }
+        Some(Vector1::new(x[0][self.0] - x[1][0]))
+    }
+}
+
+/// Six poses in a chain, ten points, one scalar; one pose and one point are held in part, one point
+/// whole; some measurements are gross.
+fn example(loss: Loss) -> System {
+    example_with(loss, false)
+}
+
+/// The same, with a point at an impossible place.
+fn example_with(loss: Loss, impossible: bool) -> System {
+    let mut builder = SystemBuilder::default();
+    let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
+    let poses: Vec<BlockId> = (0..6)
+        .map(|i| {
+            let value = crate::geometry::Pose::from_parts(
+                (wave(f64::from(i)) * 3.0).into(),
+                exp(&wave(9.0 + f64::from(i))),
+            );
+            let free = if i == 2 { [false, true, true, true, false, true] } else { [true; 6] };
+            builder.add_block(Manifold::Pose, &write_pose(&value), &free)
+        })
+        .collect();
+    let points: Vec<BlockId> = (0..10)
+        .map(|i| {
+            let mut value = wave(20.0 + f64::from(i)) * 4.0;
+            if i == 7 && impossible {
+                value.z = 60.0;
+            }
+            let free = match i {
+                3 => [false; 3],
+                4 => [true, false, true],
+                _ => [true; 3],
+            };
+            builder.add_block(Manifold::POINT, value.as_slice(), &free)
+        })
+        .collect();
+    let scalar = builder.add_block(Manifold::SCALAR, &[0.3], &[true]);
+    let chain = poses.windows(2).map(|pair| Measurement {
+        residual: Between(pose([0.5, 0.1, -0.2], [0.9, 0.1, 0.2, 0.3])),
+        blocks: [pair[1], pair[0]],
+        sigma: [0.5, 0.4, 0.6, 0.1, 0.2, 0.3],
+    });
+    builder.add_group("chain", Loss::Squared, chain.collect());
+    let seen = (0..60).filter(|k| k % 7 != 0).map(|k| Measurement {
+        residual: Seen(wave(f64::from(k as u32)) * if k % 11 == 0 { 30.0 } else { 2.0 }),
+        blocks: [poses[k % 6], points[k % 10]],
+        sigma: [0.7, 0.8, 0.9],
+    });
+    builder.add_group("seen", loss, seen.collect());
+    let level =
+        (0..10).map(|k| Measurement { residual: Level(k % 3), blocks: [points[k], scalar], sigma: [1.5] });
+    builder.add_group("level", Loss::Squared, level.collect());
+    builder.build()
+}
+
+fn dense(matrix: &BlockMatrix) -> DMatrix<f64> {
+    let n = matrix.size();
+    let columns: Vec<DVector<f64>> = (0..n)
+        .map(|j| {
+            let mut unit = vec![0.0; n];
+            unit[j] = 1.0;
+            DVector::from_vec(matrix.multiply(&unit))
+        })
+        .collect();
+    DMatrix::from_columns(&columns)
+}
+
+fn linearised(system: &System) -> Normal {
+    let mut normal = system.normal();
+    system.linearise(system.start(), &mut normal);
+    normal
+}
+
+#[test]
+fn the_gradient_is_that_of_the_true_robust_cost() {
+    for (name, _) in LossName::ALL {
+        let system = example(name.with_scale(2.0, -1.0));
+        let gradient = linearised(&system).gradient;
+        let scale = gradient.iter().fold(1.0, |a: f64, g| a.max(g.abs()));
+        for index in 0..gradient.len() {
+            let at = |step: f64| {
+                let mut delta = vec![0.0; gradient.len()];
+                delta[index] = step;
+                system.cost(&system.plus(system.start(), &delta)).value
+            };
+            let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
+            // Held components have no gradient, though the cost may change along them.
+            if gradient[index] != 0.0 {
+                assert!(
+                    (slope - gradient[index]).abs() < 1e-6 * scale,
+                    "{name} {index}: {slope} {}",
+                    gradient[index]
+                );
+            }
+        }
+    }
+}
+
+/// The reference: all Jacobians side by side in one dense matrix.
+#[test]
+fn normal_equations_and_step_are_those_of_a_dense_solver() {
+    for loss in [Loss::Squared, Loss::Huber { scale: 1.0 }, Loss::Tukey { scale: 8.0 }] {
+        let system = example(loss);
+        let normal = linearised(&system);
+        let n = normal.matrix.size();
+        let rows: usize = normal.linear.iter().map(|linear| linear.residuals.len()).sum();
+        let mut jacobian = DMatrix::zeros(rows, n);
+        let mut residual = DVector::zeros(rows);
+        let mut row = 0;
+        for (index, linear) in normal.linear.iter().enumerate() {
+            for item in 0..linear.residuals.len() {
+                let mut unit = vec![0.0; linear.residuals.len()];
+                unit[item] = 1.0;
+                let product = system.transposed_product(GroupId(index), &normal, &unit);
+                jacobian.set_row(row, &DVector::from_vec(product).transpose());
+                residual[row] = linear.residuals[item];
+                row += 1;
+            }
+        }
+        let mut wanted = jacobian.transpose() * &jacobian;
+        let held: Vec<usize> = (0..n).filter(|&i| wanted[(i, i)] == 0.0).collect();
+        assert_eq!(held.len(), 3, "two of a pose, one of a point");
+        held.iter().for_each(|&i| wanted[(i, i)] = 1.0);
+        let found = dense(&normal.matrix);
+        assert!((&found - &wanted).norm() < 1e-13 * wanted.norm());
+        let gradient = jacobian.transpose() * residual;
+        let found_gradient = DVector::from_vec(normal.gradient.clone());
+        assert!((&found_gradient - &gradient).norm() < 1e-13 * gradient.norm());
+
+        let damping = 1e-3;
+        let extra: Vec<f64> = normal.matrix.diagonal().iter().map(|d| d * damping).collect();
+        let mut damped = normal.matrix.clone();
+        damped.copy_with_diagonal(&normal.matrix, &extra);
+        let mut cholesky = Cholesky::analyse(&damped).unwrap();
+        cholesky.factorise(&damped).unwrap();
+        let mut step = normal.gradient.clone();
+        cholesky.solve(&mut step);
+        let wanted_step =
+            (wanted + DMatrix::from_diagonal(&DVector::from_vec(extra))).lu().solve(&gradient).unwrap();
+        assert!((DVector::from_vec(step) - &wanted_step).norm() < 1e-10 * wanted_step.norm());
+    }
+}
+
+#[test]
+fn held_components_do_not_move() {
+    let system = example(Loss::Squared);
+    let normal = linearised(&system);
+    let mut step = normal.gradient.clone();
+    let mut cholesky = Cholesky::analyse(&normal.matrix).unwrap();
+    let mut damped = normal.matrix.clone();
+    damped.copy_with_diagonal(&normal.matrix, &vec![1.0; step.len()]);
+    cholesky.factorise(&damped).unwrap();
+    cholesky.solve(&mut step);
+    let moved = system.plus(system.start(), &step);
+    let (before, after) =
+        (|b| system.value(system.start(), BlockId(b)), |b| system.value(&moved, BlockId(b)));
+    assert_eq!(before(2)[0], after(2)[0], "x of the third pose");
+    assert_ne!(before(2)[1], after(2)[1]);
+    assert_eq!(before(6 + 3), after(6 + 3), "a held point");
+    assert_eq!(before(6 + 4)[1], after(6 + 4)[1], "y of the next");
+    assert_ne!(before(6 + 4)[0], after(6 + 4)[0]);
+    assert_eq!(system.parameters(), 6 * 6 - 2 + 10 * 3 - 3 - 1 + 1);
+}
+
+#[test]
+fn an_impossible_measurement_costs_and_pulls_nowhere() {
+    let system = example_with(Loss::Squared, true);
+    let cost = system.cost(system.start());
+    // Point 7 is seen by k = 17, 27, 37, 47, 57 (k = 7 is left out).
+    assert_eq!(cost.impossible, 5);
+    assert!(cost.value > 5.0 * 0.5 * IMPOSSIBLE_SIGMAS * IMPOSSIBLE_SIGMAS);
+    assert_eq!(system.squared_norms(GroupId(1), system.start()).iter().filter(|s| s.is_none()).count(), 5);
+    assert!(linearised(&system).gradient.iter().all(|g| g.abs() < 1e6));
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let bits = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let system = example(Loss::Cauchy { scale: 1.0 });
+            let normal = linearised(&system);
+            let mut bits = vec![system.cost(system.start()).value.to_bits()];
+            bits.extend(normal.gradient.iter().map(|g| g.to_bits()));
+            bits.extend(dense(&normal.matrix).iter().map(|v| v.to_bits()));
+            bits
+        })
+    };
+    assert_eq!(bits(1), bits(2));
+    assert_eq!(bits(1), bits(7));
+}
+
+#[test]
+fn a_group_can_be_weighed_anew() {
+    let mut system = example(Loss::Squared);
+    let squares = |system: &System| -> f64 {
+        system.squared_norms(GroupId(2), system.start()).into_iter().flatten().sum()
+    };
+    let before = squares(&system);
+    system.set_sigma_factor(GroupId(2), 2.0);
+    assert!((squares(&system) - before / 4.0).abs() < 1e-12 * before);
+    assert_eq!(system.sigma_factor(GroupId(2)), 2.0);
+}
+
+/// Points and poses of one body with all components free.
+fn body() -> (System, Vec<BlockId>, Vec<BlockId>) {
+    let mut builder = SystemBuilder::default();
+    let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
+    let poses: Vec<BlockId> = (0..4)
+        .map(|i| {
+            let value = crate::geometry::Pose::from_parts(
+                (wave(f64::from(i)) * 3.0).into(),
+                exp(&wave(9.0 + f64::from(i))),
+            );
+            builder.add_block(Manifold::Pose, &write_pose(&value), &[true; 6])
+        })
+        .collect();
+    let points: Vec<BlockId> = (0..5)
+        .map(|i| builder.add_block(Manifold::POINT, wave(30.0 + f64::from(i)).as_slice(), &[true; 3]))
+        .collect();
+    let seen = poses.iter().flat_map(|&pose| {
+        points.iter().map(move |&point| Measurement {
+            residual: Seen(Vector3::zeros()),
+            blocks: [pose, point],
+            sigma: [1.0; 3],
+        })
+    });
+    builder.add_group("seen", Loss::Squared, seen.collect());
+    builder.add_rigid_body(points.clone(), poses.clone());
+    (builder.build(), poses, points)
+}
+
+/// The step that shifts the body's frame by `v` and turns it by `w`, to first order.
+fn frame_step(
+    system: &System,
+    poses: &[BlockId],
+    points: &[BlockId],
+    v: Vector3<f64>,
+    w: Vector3<f64>,
+) -> Vec<f64> {
+    let mut step = vec![0.0; system.pattern().size()];
+    let mut write = |block: BlockId, delta: &[f64]| {
+        step[system.pattern().range(system.position[block.0].unwrap())].copy_from_slice(delta);
+    };
+    for &block in points {
+        let point = Vector3::from_column_slice(system.value(system.start(), block));
+        write(block, (v + w.cross(&point)).as_slice());
+    }
+    for &block in poses {
+        let turned = read_pose(system.value(system.start(), block)).rotation * v;
+        write(block, &[-turned.x, -turned.y, -turned.z, -w.x, -w.y, -w.z]);
+    }
+    step
+}
+
+#[test]
+fn a_turn_of_a_bodys_frame_changes_nothing_that_is_seen() {
+    let (system, poses, points) = body();
+    let step =
+        frame_step(&system, &poses, &points, Vector3::new(0.4, -0.2, 0.1), Vector3::new(0.3, 0.5, -0.4));
+    let moved = system.plus(system.start(), &step);
+    for &pose in &poses {
+        for &point in &points {
+            let place = |values: &Values| {
+                read_pose(system.value(values, pose))
+                    * crate::nlls::manifold::read_point(system.value(values, point))
+            };
+            assert!((place(&moved) - place(system.start())).norm() < 1e-14);
+        }
+    }
+    assert_ne!(system.value(&moved, points[0]), system.value(system.start(), points[0]));
+}
+
+#[test]
+fn the_exact_update_is_the_plain_one_to_first_order() {
+    let (system, ..) = body();
+    let direction: Vec<f64> = (0..system.pattern().size()).map(|i| (1.7 * i as f64).sin()).collect();
+    let gap = |size: f64| -> f64 {
+        let step: Vec<f64> = direction.iter().map(|d| d * size).collect();
+        let exact = system.plus(system.start(), &step);
+        let mut plain = system.start().clone();
+        for (block, position) in system.blocks.iter().zip(&system.position) {
+            let at = block.start..block.start + block.manifold.ambient();
+            let delta = &step[system.pattern().range(position.unwrap())];
+            block.manifold.plus(&system.start().0[at.clone()], delta, &mut plain.0[at]);
+        }
+        exact.0.iter().zip(&plain.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    assert!(gap(1e-2) > 1e-6, "they differ");
+    assert!((gap(1e-3) / gap(1e-2) - 0.01).abs() < 0.002, "by the square of the step");
+}
