@@ -22,8 +22,6 @@ const LEAST_SIGMA_PX: f64 = 1e-3;
 const TARGET_SIGMA_M: f64 = 0.02;
 /// Standard deviation of a coordinate of a shape point that is given without one \[m\].
 const POINT_SIGMA_M: f64 = 0.1;
-/// Fewest targets from which a frame can be resected.
-const RESECTION_TARGETS: usize = 4;
 
 /// A problem folder that is valid.
 #[derive(Debug)]
@@ -299,24 +297,9 @@ impl Reader<'_> {
                 self.cell(CAMERA_POSES, *line, "frame", "a frame that has one pose", row.frame);
             }
         }
-        // A frame without a pose can be resected where enough control targets are seen in it.
-        let control: HashSet<&str> = tables
-            .targets
-            .iter()
-            .flatten()
-            .filter(|l| [l.row.x, l.row.y, l.row.z].iter().all(Option::is_some))
-            .filter(|l| l.row.role.as_deref() != Some("check"))
-            .map(|l| l.row.target.as_str())
-            .collect();
-        let mut seen: HashMap<i64, usize> = HashMap::new();
-        for Line { row, .. } in tables.target_observations.iter().flatten() {
-            *seen.entry(row.frame).or_default() += usize::from(control.contains(row.target.as_str()));
-        }
         for Line { row, .. } in tables.frames.iter().flatten() {
-            let missing = index.frames.get(&row.frame).is_some_and(|frame| !poses.contains_key(frame));
-            if missing && seen.get(&row.frame).copied().unwrap_or(0) < RESECTION_TARGETS {
-                let wanted =
-                    format!("a pose of frame {} (it sees too few targets to be resected)", row.frame);
+            if index.frames.get(&row.frame).is_some_and(|frame| !poses.contains_key(frame)) {
+                let wanted = format!("a pose of frame {} (gaps are not filled by resection yet)", row.frame);
                 self.findings.error(Finding::of_file(CAMERA_POSES, &wanted, "none"));
             }
         }
@@ -345,7 +328,7 @@ impl Reader<'_> {
         }
         if without_sigma > 0 {
             self.findings.warn(format!(
-                "{TARGETS}: {without_sigma} coordinates have no sigma; {TARGET_SIGMA_M} m is assumed"
+                "{TARGETS}: coordinates without a sigma: {without_sigma}; {TARGET_SIGMA_M} m is assumed"
             ));
         }
         targets.sort_by(|a, b| a.id.cmp(&b.id));
@@ -386,9 +369,11 @@ impl Reader<'_> {
             observations.push(TargetObservation { frame, target, image_px, sigma_px });
         }
         pixels.warn(&mut self.findings);
-        let never = ids.len() - observations.iter().map(|o| o.target).collect::<BTreeSet<_>>().len();
-        if never > 0 && !self.findings.is_invalid() {
-            self.findings.warn(format!("{TARGETS}: {never} targets are never seen"));
+        let seen_ids: HashSet<usize> = observations.iter().map(|o| o.target).collect();
+        let never = targets.iter().enumerate().filter(|(at, _)| !seen_ids.contains(at));
+        let never: Vec<&str> = never.map(|(_, target)| target.id.as_str()).collect();
+        if !never.is_empty() && !self.findings.is_invalid() {
+            self.findings.warn(format!("{TARGETS}: never seen: {}", never.join(", ")));
         }
         observations.sort_by_key(|o| (o.frame, o.target));
         observations
@@ -467,7 +452,7 @@ impl Reader<'_> {
         }
         if without_sigma > 0 {
             self.findings.warn(format!(
-                "{VEHICLE_POINTS}: {without_sigma} coordinates have no sigma; {POINT_SIGMA_M} m is assumed"
+                "{VEHICLE_POINTS}: coordinates without a sigma: {without_sigma}; {POINT_SIGMA_M} m is assumed"
             ));
         }
         points
@@ -562,12 +547,12 @@ impl<'a> Pixels<'a> {
         let Pixels { file, outside, first_outside, exact, .. } = self;
         if *outside > 0 {
             findings.warn(format!(
-                "{file}: {outside} image points lie outside the image, the first on line {first_outside}"
+                "{file}: image points outside the image: {outside}, the first on line {first_outside}"
             ));
         }
         if *exact > 0 {
             findings.warn(format!(
-                "{file}: {exact} image points have a sigma of 0 px; {LEAST_SIGMA_PX} px is assumed"
+                "{file}: image points with a sigma of 0 px: {exact}; {LEAST_SIGMA_PX} px is assumed"
             ));
         }
     }

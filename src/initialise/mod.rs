@@ -204,14 +204,14 @@ fn warn_of_points(vehicle: &Vehicle, estimate: &VehicleEstimate, warnings: &mut 
     let single = determinable.iter().filter(|d| !**d).count();
     if single > 0 {
         warnings.push(format!(
-            "vehicle {}: {single} points are seen in one frame only and get no coordinates",
+            "vehicle {}: points seen in one frame only, which get no coordinates: {single}",
             vehicle.id
         ));
     }
     let lost = determinable.iter().zip(&estimate.points).filter(|(d, p)| **d && p.is_none()).count();
     if lost > 0 {
         warnings.push(format!(
-            "vehicle {}: the rays of {lost} points do not meet; they get no coordinates",
+            "vehicle {}: points whose rays do not meet, which get no coordinates: {lost}",
             vehicle.id
         ));
     }

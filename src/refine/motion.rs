@@ -253,18 +253,6 @@ impl Motion {
             component.last = Some((log_factor, power));
             let before = system.sigma_factor(component.group);
             let after = (before * (power * log_factor).exp()).clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1);
-            if std::env::var("DBG").is_ok() {
-                println!(
-                    "  {:?} rot {} rows {} trace {:.1} red {:.1} factor {:.3} power {power:.2} now {:.5}",
-                    component.body,
-                    component.is_rotation,
-                    system.rows(component.group),
-                    trace,
-                    redundancy,
-                    log_factor.exp(),
-                    component.first * after
-                );
-            }
             system.set_sigma_factor(component.group, after);
             largest = largest.max(after / before).max(before / after);
         }

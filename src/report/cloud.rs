@@ -1,5 +1,6 @@
 //! Shapes as PLY clouds.
 
+use super::tables::metres;
 use crate::estimate::VehicleEstimate;
 use crate::problem::Vehicle;
 use ply_rs_bw::ply::{
@@ -36,7 +37,9 @@ pub fn shape(vehicle: &Vehicle, estimate: &VehicleEstimate) -> Vec<u8> {
         element.properties.add(PropertyDef::new(property.to_owned(), kind));
     }
     ply.header.elements.add(element);
-    let vertex = |p: &nalgebra::Point3<f64>| Vertex([p.x, p.y, p.z, f64::NAN, f64::NAN, f64::NAN]);
+    let vertex = |p: &nalgebra::Point3<f64>| {
+        Vertex([metres(p.x), metres(p.y), metres(p.z), f64::NAN, f64::NAN, f64::NAN])
+    };
     ply.payload.insert("vertex".to_owned(), estimate.points.iter().flatten().map(vertex).collect());
     let mut bytes = Vec::new();
     Writer::new().write_ply(&mut bytes, &mut ply).expect("writing a consistent cloud to memory");

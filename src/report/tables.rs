@@ -48,10 +48,15 @@ fn round(value: f64, steps: f64) -> f64 {
     (value * steps).round() / steps + 0.0
 }
 
+/// A length as it is written.
+pub fn metres(value: f64) -> f64 {
+    round(value, METRE)
+}
+
 /// Position and quaternion as they are written.
 fn pose_numbers(pose: &Pose) -> ([f64; 3], [f64; 4]) {
     let position: [f64; 3] = pose.translation.vector.into();
-    (position.map(|v| round(v, METRE)), quaternion_wxyz(pose).map(|v| round(v, RATIO)))
+    (position.map(metres), quaternion_wxyz(pose).map(|v| round(v, RATIO)))
 }
 
 fn camera_poses(problem: &Problem, estimate: &Estimate) -> Vec<CameraPoseResult> {
@@ -116,7 +121,7 @@ fn vehicle_points(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<Ve
         let sightings = vehicle.sightings();
         for (point, shape_point) in vehicle.points.iter().enumerate() {
             let position = estimate.points[point].filter(|_| estimate.left_out.is_none());
-            let coordinate = |axis: usize| position.map(|p| round(p[axis], METRE));
+            let coordinate = |axis: usize| position.map(|p| metres(p[axis]));
             let inliers: Vec<f64> = of_point[point]
                 .iter()
                 .filter(|fit| !fit.is_outlier)
@@ -153,9 +158,9 @@ fn trajectories(problem: &Problem, estimate: &Estimate) -> Vec<TrajectoryResult>
                 vehicle: vehicle.id.clone(),
                 frame: frame.number,
                 time_s: frame.time_s,
-                x: round(at.position.x, METRE),
-                y: round(at.position.y, METRE),
-                z: round(at.position.z, METRE),
+                x: metres(at.position.x),
+                y: metres(at.position.y),
+                z: metres(at.position.z),
                 speed_mps: at.speed_mps.map(|v| round(v, METRE)),
                 heading_deg: round(at.heading_rad.to_degrees(), PIXEL),
                 sigma_x: None,

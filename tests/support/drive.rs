@@ -101,7 +101,8 @@ impl Drive {
                         pixel + Vector2::new(normal(&mut rng), normal(&mut rng)) * self.noise_px[0];
                     if rng.random::<f64>() < self.gross.0 {
                         let [least, most] = self.gross.1;
-                        let (angle, size) = (rng.random_range(0.0..6.28), rng.random_range(least..most));
+                        let (angle, size) =
+                            (rng.random_range(0.0..std::f64::consts::TAU), rng.random_range(least..most));
                         pixel += Vector2::new(f64::cos(angle), f64::sin(angle)) * size;
                     }
                     if visible {

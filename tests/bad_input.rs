@@ -1,0 +1,234 @@
+//! Damaged copies of a problem: each is refused with exit code 3 and the place, and nothing is written.
+
+mod support;
+
+use std::path::Path;
+use support::drive::Drive;
+use support::program;
+
+/// A problem with every table there is.
+fn whole(folder: &Path) {
+    Drive { frames: 6, points: 6, targets: 5, ..Default::default() }.write(folder);
+    std::fs::create_dir(folder.join("reference")).unwrap();
+    let save = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    save("reference/gnss.csv", "vehicle,time_s,x,y,z\ncar0,0.0,1,2,3\ncar0,0.2,1,2,3\n");
+    save(
+        "reference/car0.ply",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n",
+    );
+}
+
+/// How a file is damaged.
+enum Damage {
+    /// A text is replaced where it first stands.
+    Replace(&'static str, &'static str),
+    /// A cell, by line (the header is 1) and column.
+    Cell(usize, usize, &'static str),
+    /// A line is written twice.
+    Twice(usize),
+    /// A line is taken out.
+    Without(usize),
+    /// The text becomes this.
+    Whole(&'static [u8]),
+    /// The file is taken away.
+    Missing,
+}
+
+use Damage::{Cell, Missing, Replace, Twice, Whole, Without};
+
+fn apply(damage: &Damage, path: &Path) {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    match damage {
+        Replace(from, to) => {
+            assert!(text.contains(from), "{from} is not in {}", path.display());
+            lines = text.replacen(from, to, 1).lines().map(str::to_owned).collect();
+        }
+        Cell(line, column, value) => {
+            let mut cells: Vec<&str> = lines[line - 1].split(',').collect();
+            cells[*column] = value;
+            lines[line - 1] = cells.join(",");
+        }
+        Twice(line) => lines.insert(*line, lines[line - 1].clone()),
+        Without(line) => {
+            lines.remove(line - 1);
+        }
+        Whole(bytes) => return std::fs::write(path, bytes).unwrap(),
+        Missing => return std::fs::remove_file(path).unwrap(),
+    }
+    std::fs::write(path, lines.join("\n")).unwrap();
+}
+
+/// File, damage, and what the message must contain.
+const DAMAGES: &[(&str, Damage, &[&str])] = &[
+    ("problem.toml", Missing, &["problem.toml"]),
+    ("problem.toml", Whole(b""), &["problem.toml:1: column format"]),
+    ("problem.toml", Whole(b"\xff\xfe"), &["problem.toml", "UTF-8"]),
+    ("problem.toml", Replace("format = 1", "format = 2"), &["problem.toml:1: column format", "\"2\""]),
+    ("problem.toml", Replace("fx = 2680", "fx = -2680"), &["column camera.fx", "\"-2680\""]),
+    ("problem.toml", Replace("fy = 2680", "fy = nan"), &["column camera.fy", "\"nan\""]),
+    ("problem.toml", Replace("width = 3840", "width = 0"), &["column camera.width", "\"0\""]),
+    ("problem.toml", Replace("cx = 1920", "cx = \"left\""), &["column camera.cx"]),
+    ("problem.toml", Replace("cx = 1920", "cx 1920"), &["problem.toml:", "valid TOML"]),
+    ("problem.toml", Replace("vehicle_px = 1", "vehicle_px = -1"), &["column noise.vehicle_px"]),
+    ("problem.toml", Replace("plane_z = 0.0", "plane = 0.0"), &["column terrain.plane_z"]),
+    ("problem.toml", Replace("plane_z = 0.0", "grid = \"none.asc\""), &["none.asc"]),
+    ("problem.toml", Replace("[[vehicle]]", "[[vehicles]]"), &["column vehicle", "[[vehicle]]"]),
+    (
+        "problem.toml",
+        Replace("marker = \"mark\"", "marker = \"park\""),
+        &["column vehicle.marker", "\"park\""],
+    ),
+    ("frames.csv", Missing, &["frames.csv"]),
+    ("frames.csv", Whole(b""), &["frames.csv:1: column frame", "an empty file"]),
+    ("frames.csv", Whole(b"frame,time_s\n"), &["frames.csv: expected at least one frame"]),
+    ("frames.csv", Whole(b"frame,time\n0,0\n"), &["frames.csv:1: column time_s"]),
+    ("frames.csv", Cell(3, 1, "0"), &["frames.csv:3: column time_s", "\"0\""]),
+    ("frames.csv", Cell(4, 0, "1"), &["frames.csv:4: column frame"]),
+    ("frames.csv", Cell(4, 0, "1.5"), &["frames.csv:4: column frame", "\"1.5\""]),
+    ("camera_poses.csv", Without(4), &["camera_poses.csv: expected a pose of frame 2"]),
+    ("camera_poses.csv", Twice(3), &["camera_poses.csv:4: column frame"]),
+    ("camera_poses.csv", Cell(2, 4, "0.9"), &["camera_poses.csv:2: column qw,qx,qy,qz", "length"]),
+    ("camera_poses.csv", Cell(2, 0, "77"), &["camera_poses.csv:2: column frame", "\"77\""]),
+    ("camera_poses.csv", Cell(5, 1, "inf"), &["camera_poses.csv:5: column x", "\"inf\""]),
+    ("targets.csv", Missing, &["targets.csv"]),
+    ("targets.csv", Twice(2), &["targets.csv:3: column target"]),
+    ("targets.csv", Cell(2, 4, "-0.1"), &["targets.csv:2: column sigma_x", "\"-0.1\""]),
+    ("targets.csv", Cell(3, 7, "boss"), &["targets.csv:3: column role", "\"boss\""]),
+    ("targets.csv", Cell(3, 1, "east"), &["targets.csv:3: column x", "\"east\""]),
+    ("target_observations.csv", Missing, &["target_observations.csv"]),
+    ("target_observations.csv", Cell(4, 1, "T99"), &["target_observations.csv:4: column target", "\"T99\""]),
+    ("target_observations.csv", Twice(3), &["target_observations.csv:4: column target"]),
+    ("target_observations.csv", Cell(2, 2, ""), &["target_observations.csv:2: column u", "\"\""]),
+    ("vehicle_observations.csv", Missing, &["vehicle_observations.csv"]),
+    ("vehicle_observations.csv", Cell(9, 3, "nan"), &["vehicle_observations.csv:9: column u", "\"nan\""]),
+    (
+        "vehicle_observations.csv",
+        Cell(9, 1, "bus"),
+        &["vehicle_observations.csv:9: column vehicle", "\"bus\""],
+    ),
+    ("vehicle_observations.csv", Cell(9, 2, ""), &["vehicle_observations.csv:9: column point"]),
+    ("vehicle_observations.csv", Twice(5), &["vehicle_observations.csv:6: column point"]),
+    (
+        "vehicle_observations.csv",
+        Replace("0,car0,mark,", "0,car0,mark,,"),
+        &["vehicle_observations.csv:2: expected 5 cells", "\"6\""],
+    ),
+    (
+        "vehicle_observations.csv",
+        Whole(b"frame,vehicle,point,u,v\n0,car0,\xff,1,2\n"),
+        &["vehicle_observations.csv:2", "UTF-8"],
+    ),
+    ("vehicle_poses.csv", Without(3), &["vehicle_poses.csv: expected a pose of car0 in frame 1"]),
+    ("vehicle_poses.csv", Twice(3), &["vehicle_poses.csv:4: column vehicle"]),
+    ("vehicle_poses.csv", Cell(2, 8, "1e3"), &["vehicle_poses.csv:2: column qw,qx,qy,qz"]),
+    ("vehicle_points.csv", Cell(2, 1, "ghost"), &["vehicle_points.csv:2: column point", "\"ghost\""]),
+    ("vehicle_points.csv", Cell(2, 7, "-1"), &["vehicle_points.csv:2: column sigma_z", "\"-1\""]),
+    ("vehicle_points.csv", Twice(2), &["vehicle_points.csv:3: column point"]),
+    ("reference/gnss.csv", Cell(2, 1, "soon"), &["reference/gnss.csv:2: column time_s", "\"soon\""]),
+    ("reference/gnss.csv", Twice(3), &["reference/gnss.csv:4: column time_s"]),
+    ("reference/car0.ply", Replace("1 2 3", "1 2"), &["reference/car0.ply"]),
+];
+
+#[test]
+fn damaged_copies_are_refused_with_their_place_and_nothing_is_written() {
+    let source = tempfile::tempdir().unwrap();
+    whole(source.path());
+    for (number, (file, damage, wanted)) in DAMAGES.iter().enumerate() {
+        let place = tempfile::tempdir().unwrap();
+        let problem = place.path().join("problem");
+        support::copy_folder(source.path(), &problem);
+        apply(damage, &problem.join(file));
+        for command in ["refine", "check"] {
+            let output = program().arg(command).arg(&problem).output().unwrap();
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(3), "damage {number} of {file}: {errors}");
+            for wanted in *wanted {
+                assert!(errors.contains(wanted), "damage {number} of {file}: {wanted:?} is not in\n{errors}");
+            }
+            assert!(!errors.contains("panicked"), "{errors}");
+            assert!(output.stdout.is_empty());
+        }
+        let left: Vec<_> = std::fs::read_dir(place.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(left, ["problem"], "damage {number} of {file}");
+    }
+}
+
+#[test]
+fn the_undamaged_problem_is_accepted() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    whole(&problem);
+    program().arg("refine").arg(&problem).args(["--no-rrd", "--quiet"]).assert().success();
+    assert!(place.path().join("problem-result/report.json").is_file());
+}
+
+#[test]
+fn all_findings_of_all_files_come_at_once() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    whole(&problem);
+    for (file, damage) in [
+        ("problem.toml", Replace("fx = 2680", "fx = 0")),
+        ("camera_poses.csv", Cell(2, 1, "x")),
+        ("vehicle_poses.csv", Cell(3, 2, "y")),
+        ("vehicle_observations.csv", Cell(4, 3, "u")),
+        ("vehicle_observations.csv", Cell(6, 4, "v")),
+    ] {
+        apply(&damage, &problem.join(file));
+    }
+    let output = program().arg("check").arg(&problem).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    for wanted in [
+        "problem.toml:6: column camera.fx",
+        "camera_poses.csv:2: column x",
+        "vehicle_poses.csv:3: column x",
+        "vehicle_observations.csv:4: column u",
+        "vehicle_observations.csv:6: column v",
+    ] {
+        assert!(errors.contains(wanted), "{wanted} is not in\n{errors}");
+    }
+    assert!(errors.contains("findings; nothing was computed or written"));
+}
+
+#[test]
+fn what_is_not_computed_yet_is_refused_by_name() {
+    let grid = "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n0 0\n0 0\n";
+    let no_cameras = |problem: &Path| std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
+    let no_vehicles = |problem: &Path| std::fs::remove_file(problem.join("vehicle_poses.csv")).unwrap();
+    let settings = |from: &'static str, to: &'static str| {
+        move |problem: &Path| apply(&Replace(from, to), &problem.join("problem.toml"))
+    };
+    let with_grid = move |problem: &Path| {
+        std::fs::write(problem.join("terrain.asc"), grid).unwrap();
+        apply(&Replace("plane_z = 0.0", "grid = \"terrain.asc\""), &problem.join("problem.toml"));
+    };
+    let with_gnss = |problem: &Path| {
+        std::fs::create_dir(problem.join("observations")).unwrap();
+        let table = "vehicle,point,time_s,x,y,z,sigma_x,sigma_y,sigma_z\ncar0,mark,0,1,2,3,,,\n";
+        std::fs::write(problem.join("observations/gnss.csv"), table).unwrap();
+    };
+    type Change = Box<dyn Fn(&Path)>;
+    let cases: [(&str, Change); 7] = [
+        ("spatial resection", Box::new(no_cameras)),
+        ("ray-terrain intersection", Box::new(no_vehicles)),
+        ("fisheye", Box::new(settings("width = 3840", "model = \"fisheye\"\nwidth = 3840"))),
+        ("rolling shutter", Box::new(settings("width = 3840", "readout_s = 0.02\nwidth = 3840"))),
+        ("self-calibration", Box::new(settings("[noise]", "[camera.refine]\nfx = \"free\"\n[noise]"))),
+        ("terrain grid", Box::new(with_grid)),
+        ("GNSS positions as observations", Box::new(with_gnss)),
+    ];
+    for (name, change) in cases {
+        let place = tempfile::tempdir().unwrap();
+        let problem = place.path().join("problem");
+        whole(&problem);
+        change(&problem);
+        for command in ["check", "refine"] {
+            let output = program().arg(command).arg(&problem).output().unwrap();
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(4), "{name}: {errors}");
+            assert!(errors.contains(name), "{name} is not in\n{errors}");
+        }
+        assert!(!place.path().join("problem-result").exists());
+    }
+}
