@@ -1,8 +1,12 @@
 //! Problem folders in, result rows out: the one place that knows the names of columns and keys.
 
+mod checked;
+mod inventory;
 mod problem_folder;
 mod problem_toml;
 pub mod rows;
 mod section;
 
-pub use problem_folder::{Folder, Inventory, TargetInventory, VehicleInventory, read_problem};
+pub use checked::Folder;
+pub use inventory::{Inventory, TargetInventory, VehicleInventory};
+pub use problem_folder::read_problem;

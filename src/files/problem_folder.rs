@@ -1,14 +1,13 @@
 //! A problem folder: read whole, validated whole, then made into a [`Problem`].
 
+use super::checked::{Checked, Folder, ObservedRow, positions};
 use super::problem_toml::{self, Settings};
 use super::rows::{
     CameraPoseRow, FrameRow, GnssObservationRow, KnownPointRow, TargetObservationRow, TargetRow,
     VehicleObservationRow, VehiclePoseRow,
 };
 use crate::geometry::{self, Pose};
-use crate::problem::{
-    Frame, Known, Problem, Role, ShapePoint, Target, TargetObservation, Vehicle, VehicleObservation,
-};
+use crate::problem::{Frame, Known, Role, Target, TargetObservation};
 use crate::tables::{self, Finding, Findings, Line, Row};
 use nalgebra::{Vector2, Vector4};
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -22,78 +21,6 @@ const LEAST_SIGMA_PX: f64 = 1e-3;
 const TARGET_SIGMA_M: f64 = 0.02;
 /// Standard deviation of a coordinate of a shape point that is given without one \[m\].
 const POINT_SIGMA_M: f64 = 0.1;
-
-/// A problem folder that is valid.
-#[derive(Debug)]
-pub struct Folder {
-    /// What is there.
-    pub inventory: Inventory,
-    /// The problem, or what it needs that this version does not compute.
-    pub problem: Result<Problem, Vec<String>>,
-    /// What is odd.
-    pub warnings: Vec<String>,
-}
-
-/// What is in a problem folder.
-#[derive(Clone, Debug)]
-pub struct Inventory {
-    /// Name of the problem.
-    pub name: String,
-    /// How many frames.
-    pub frames: usize,
-    /// First and last video time \[s\].
-    pub time_s: [f64; 2],
-    /// Width and height of the image \[px\].
-    pub size_px: [u32; 2],
-    /// How many frames have a camera pose.
-    pub camera_poses: usize,
-    /// The vehicles.
-    pub vehicles: Vec<VehicleInventory>,
-    /// The targets.
-    pub targets: TargetInventory,
-}
-
-/// What there is of a vehicle.
-#[derive(Clone, Debug)]
-pub struct VehicleInventory {
-    /// Its id.
-    pub id: String,
-    /// Its marker.
-    pub marker: Option<String>,
-    /// How many points.
-    pub points: usize,
-    /// How many of them in one frame only.
-    pub single_frame_points: usize,
-    /// How many image points.
-    pub observations: usize,
-    /// Numbers of the first and last frame in which it is seen.
-    pub span: Option<[i64; 2]>,
-    /// In how many frames it is seen.
-    pub frames: usize,
-    /// Shortest, median and longest number of frames of a point.
-    pub track_lengths: [usize; 3],
-    /// How many frames have a starting pose.
-    pub poses: usize,
-    /// How many coordinates of its points are known beforehand.
-    pub known_coordinates: usize,
-    /// Whether its height is known.
-    pub has_height: bool,
-}
-
-/// What there is of the static world.
-#[derive(Clone, Debug, Default)]
-pub struct TargetInventory {
-    /// Surveyed targets that are adjusted to.
-    pub control: usize,
-    /// Targets that are compared with.
-    pub check: usize,
-    /// Points without known coordinates.
-    pub tie: usize,
-    /// How many image points.
-    pub observations: usize,
-    /// Fewest, median and most control targets in a frame.
-    pub control_per_frame: [usize; 3],
-}
 
 /// Reads and validates a problem folder. The error holds everything that is wrong with it.
 pub fn read_problem(folder: &Path) -> Result<Folder, Findings> {
@@ -216,8 +143,6 @@ impl Reader<'_> {
         Some(Checked {
             settings,
             frames: frame_rows.iter().map(|l| Frame { number: l.row.frame, time_s: l.row.time_s }).collect(),
-            frame_index: index.frames,
-            vehicle_index: index.vehicles?,
             camera_poses,
             targets,
             target_observations,
@@ -480,10 +405,6 @@ struct Index<'a> {
     vehicles: Option<HashMap<&'a str, usize>>,
 }
 
-fn positions<'a>(ids: &[&'a str]) -> HashMap<&'a str, usize> {
-    ids.iter().enumerate().map(|(at, id)| (*id, at)).collect()
-}
-
 fn known(
     coordinates: [Option<f64>; 3],
     sigmas: [Option<f64>; 3],
@@ -504,14 +425,6 @@ struct Observed<'t> {
     /// Vehicle and point of every row, whatever else is wrong with it.
     points: HashSet<(&'t str, &'t str)>,
     rows: Vec<ObservedRow<'t>>,
-}
-
-struct ObservedRow<'t> {
-    vehicle: usize,
-    frame: usize,
-    point: &'t str,
-    image_px: Vector2<f64>,
-    sigma_px: f64,
 }
 
 /// Image points of a table: their standard deviation, and what is odd about them.
@@ -555,150 +468,5 @@ impl<'a> Pixels<'a> {
                 "{file}: image points with a sigma of 0 px: {exact}; {LEAST_SIGMA_PX} px is assumed"
             ));
         }
-    }
-}
-
-/// Tables that fit each other, as far as there are no findings.
-struct Checked<'t> {
-    settings: &'t Settings,
-    frames: Vec<Frame>,
-    frame_index: HashMap<i64, usize>,
-    vehicle_index: HashMap<&'t str, usize>,
-    camera_poses: HashMap<usize, Pose>,
-    targets: Vec<Target>,
-    target_observations: Vec<TargetObservation>,
-    vehicle_observations: Vec<ObservedRow<'t>>,
-    vehicle_poses: HashMap<(usize, usize), Pose>,
-    has_vehicle_poses: bool,
-    known_points: HashMap<(usize, &'t str), [Option<Known>; 3]>,
-    has_gnss: bool,
-}
-
-impl Checked<'_> {
-    fn into_folder(self, findings: Findings) -> Folder {
-        debug_assert_eq!(self.frame_index.len(), self.frames.len());
-        debug_assert_eq!(self.vehicle_index.len(), self.settings.vehicles.len());
-        let vehicles = self.vehicles();
-        let inventory = self.inventory(&vehicles);
-        let mut not_supported = self.settings.not_supported.clone();
-        let without_pose = self.frames.len() - self.camera_poses.len();
-        if without_pose > 0 {
-            not_supported.push(format!("spatial resection ({without_pose} frames have no camera pose)"));
-        }
-        if !self.has_vehicle_poses {
-            not_supported.push(
-                "vehicle poses from ray-terrain intersection (there is no vehicle_poses.csv)".to_owned(),
-            );
-        }
-        if self.has_gnss {
-            not_supported.push("GNSS positions as observations (observations/gnss.csv)".to_owned());
-        }
-        let warnings = findings.warnings().to_vec();
-        if !not_supported.is_empty() {
-            return Folder { inventory, problem: Err(not_supported), warnings };
-        }
-        let problem = Problem {
-            name: self.settings.name.clone(),
-            camera: self.settings.camera.clone(),
-            camera_poses: (0..self.frames.len()).map(|frame| self.camera_poses[&frame]).collect(),
-            frames: self.frames,
-            camera_pose_sigma: self.settings.camera_pose_sigma,
-            targets: self.targets,
-            target_observations: self.target_observations,
-            vehicles,
-            vehicle_pose_sigma: self.settings.vehicle_pose_sigma,
-            ground: self.settings.ground,
-        };
-        Folder { inventory, problem: Ok(problem), warnings }
-    }
-
-    fn vehicles(&self) -> Vec<Vehicle> {
-        let mut point_ids: Vec<BTreeSet<&str>> = vec![BTreeSet::new(); self.settings.vehicles.len()];
-        for row in &self.vehicle_observations {
-            point_ids[row.vehicle].insert(row.point);
-        }
-        let mut vehicles: Vec<Vehicle> = Vec::new();
-        let mut indices = Vec::new();
-        for (at, (settings, ids)) in self.settings.vehicles.iter().zip(&point_ids).enumerate() {
-            let index = positions(&ids.iter().copied().collect::<Vec<_>>());
-            let shape_point = |id: &&str| ShapePoint {
-                id: (*id).to_owned(),
-                known: self.known_points.get(&(at, *id)).copied().unwrap_or_default(),
-            };
-            vehicles.push(Vehicle {
-                id: settings.id.clone(),
-                marker: settings.marker.as_ref().and_then(|(id, _)| index.get(id.as_str()).copied()),
-                height: settings.height,
-                points: ids.iter().map(shape_point).collect(),
-                observations: Vec::new(),
-                poses: (0..self.frames.len())
-                    .map(|frame| self.vehicle_poses.get(&(at, frame)).copied())
-                    .collect(),
-            });
-            indices.push(index);
-        }
-        for ObservedRow { vehicle, frame, point, image_px, sigma_px } in &self.vehicle_observations {
-            let point = indices[*vehicle][*point];
-            let (frame, image_px, sigma_px) = (*frame, *image_px, *sigma_px);
-            vehicles[*vehicle].observations.push(VehicleObservation { frame, point, image_px, sigma_px });
-        }
-        for vehicle in &mut vehicles {
-            vehicle.observations.sort_by_key(|o| (o.frame, o.point));
-        }
-        vehicles
-    }
-
-    fn inventory(&self, vehicles: &[Vehicle]) -> Inventory {
-        let number = |frame: usize| self.frames[frame].number;
-        let of_vehicle = |vehicle: &Vehicle| {
-            let sightings = vehicle.sightings();
-            let frames: BTreeSet<usize> = vehicle.observations.iter().map(|o| o.frame).collect();
-            let known = |point: &ShapePoint| point.known.iter().flatten().count();
-            VehicleInventory {
-                id: vehicle.id.clone(),
-                marker: vehicle.marker.map(|point| vehicle.points[point].id.clone()),
-                points: vehicle.points.len(),
-                single_frame_points: sightings.iter().filter(|count| **count < 2).count(),
-                observations: vehicle.observations.len(),
-                span: frames.first().zip(frames.last()).map(|(a, b)| [number(*a), number(*b)]),
-                frames: frames.len(),
-                track_lengths: spread(sightings),
-                poses: vehicle.poses.iter().flatten().count(),
-                known_coordinates: vehicle.points.iter().map(known).sum(),
-                has_height: vehicle.height.is_some(),
-            }
-        };
-        let is_control = |t: &Target| t.role == Role::Control && t.known.iter().any(Option::is_some);
-        let mut control_per_frame = vec![0; self.frames.len()];
-        for observation in &self.target_observations {
-            control_per_frame[observation.frame] +=
-                usize::from(is_control(&self.targets[observation.target]));
-        }
-        let check = self.targets.iter().filter(|t| t.role == Role::Check).count();
-        let control = self.targets.iter().filter(|t| is_control(t)).count();
-        Inventory {
-            name: self.settings.name.clone(),
-            frames: self.frames.len(),
-            time_s: [self.frames[0].time_s, self.frames[self.frames.len() - 1].time_s],
-            size_px: self.settings.camera.size_px,
-            camera_poses: self.camera_poses.len(),
-            vehicles: vehicles.iter().map(of_vehicle).collect(),
-            targets: TargetInventory {
-                control,
-                check,
-                tie: self.targets.len() - control - check,
-                observations: self.target_observations.len(),
-                control_per_frame: spread(control_per_frame),
-            },
-        }
-    }
-}
-
-/// Smallest, median and largest; zeros where there is none.
-fn spread(mut counts: Vec<usize>) -> [usize; 3] {
-    counts.sort_unstable();
-    match counts.as_slice() {
-        [] => [0; 3],
-        [first, ..] => [*first, counts[counts.len() / 2], counts[counts.len() - 1]],
     }
 }

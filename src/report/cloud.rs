@@ -1,6 +1,6 @@
 //! Shapes as PLY clouds.
 
-use super::tables::metres;
+use super::rounding::metres;
 use crate::estimate::VehicleEstimate;
 use crate::problem::Vehicle;
 use ply_rs_bw::ply::{

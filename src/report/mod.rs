@@ -3,6 +3,7 @@
 mod cloud;
 pub mod folder;
 mod json;
+mod rounding;
 mod tables;
 
 pub use json::{Report, report_of_adjustment, report_of_initial};

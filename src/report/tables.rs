@@ -1,5 +1,6 @@
 //! The tables of a result folder.
 
+use super::rounding::{METRE, PIXEL, RATIO, metres, round};
 use super::{File, cloud};
 use crate::estimate::Estimate;
 use crate::files::rows::{
@@ -8,13 +9,6 @@ use crate::files::rows::{
 use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::Problem;
 use crate::refine::{Fits, ObservationFit};
-
-/// Positions are written to this \[m\].
-const METRE: f64 = 1e9;
-/// Quaternions and weights are written to this.
-const RATIO: f64 = 1e12;
-/// Pixels and degrees are written to this.
-const PIXEL: f64 = 1e7;
 
 /// All tables and clouds of a result.
 pub fn result_tables(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<File> {
@@ -41,16 +35,6 @@ fn table<R: ResultRow>(name: &str, rows: Vec<R>) -> File {
         writer.serialize(row).expect("a row of plain values");
     }
     (name.to_owned(), writer.into_inner().expect("writing to memory"))
-}
-
-/// `value` to the nearest `1 / steps`, and never "-0".
-fn round(value: f64, steps: f64) -> f64 {
-    (value * steps).round() / steps + 0.0
-}
-
-/// A length as it is written.
-pub fn metres(value: f64) -> f64 {
-    round(value, METRE)
 }
 
 /// Position and quaternion as they are written.
@@ -202,13 +186,6 @@ fn residuals(problem: &Problem, fits: &Fits) -> Vec<ResidualResult> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn numbers_are_rounded_and_never_minus_zero() {
-        assert_eq!(round(1.234_567_890_49, METRE), 1.234_567_890);
-        assert_eq!(round(-1e-12, METRE).to_string(), "0");
-        assert_eq!(round(f64::INFINITY, METRE), f64::INFINITY);
-    }
 
     #[test]
     fn an_empty_table_has_its_header() {

@@ -1,7 +1,7 @@
 //! How the viewer opens: the world and the shapes on the left, the camera's view and the curves on the
 //! right.
 
-use crate::recording::path;
+use crate::path;
 use rerun::blueprint::{
     BarChartView, Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView,
     Spatial3DView, Tabs, TextDocumentView, TimePanel, TimeSeriesView, Vertical,

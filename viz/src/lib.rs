@@ -6,6 +6,10 @@
 #[cfg(feature = "rerun")]
 mod blueprint;
 #[cfg(feature = "rerun")]
+mod colour;
+#[cfg(feature = "rerun")]
+mod path;
+#[cfg(feature = "rerun")]
 mod recording;
 mod scene;
 

@@ -4,49 +4,14 @@
 //! change is logged once without a time. Positions are relative to [`Scene::local_origin_m`].
 
 use crate::blueprint;
+use crate::colour::{self, Colour};
+use crate::path;
 use crate::scene::{Body, ImagePoint, ImagePointKind, Marking, Pose, Scene, State, TargetRole};
 use rerun::{
     Clear, LineStrips3D, Pinhole, Points2D, Points3D, Quaternion, RecordingStream, RecordingStreamBuilder,
     RecordingStreamError, Scalars, SerializationError, SeriesLines, TextDocument, TimeColumn, Transform3D,
 };
 use std::path::Path;
-
-/// Where things are in the recording.
-pub mod path {
-    /// The world, z up.
-    pub const WORLD: &str = "world";
-    /// The camera's pose.
-    pub const CAMERA: &str = "world/camera";
-    /// Its image plane; image points lie below.
-    pub const IMAGE: &str = "world/camera/image";
-    /// The points of each body, in its own frame.
-    pub const SHAPES: &str = "shapes";
-    /// Horizontal speed of each body.
-    pub const SPEED: &str = "plots/speed";
-    /// Root mean square of the residuals of each frame.
-    pub const RESIDUALS: &str = "plots/residuals";
-    /// Cost, damping and step of each iteration, as curves.
-    pub const ITERATIONS: &str = "plots/iterations";
-    /// Logarithm of the cost of each iteration, as bars.
-    pub const COST_BARS: &str = "plots/cost";
-    /// The summary.
-    pub const SUMMARY: &str = "summary";
-}
-
-/// Colours that differ in brightness too (after Okabe and Ito).
-mod colour {
-    /// Red, green, blue, opacity.
-    pub type Colour = u32;
-    pub const BEFORE: Colour = 0xE69F_00FF;
-    pub const AFTER: Colour = 0x56B4_E9FF;
-    pub const CONTROL: Colour = 0x009E_73FF;
-    pub const CHECK: Colour = 0xCC79_A7FF;
-    pub const TIE: Colour = 0xAAAA_AAFF;
-    pub const OBSERVED: Colour = 0xF0E4_42FF;
-    pub const REJECTED: Colour = 0xD55E_00FF;
-    pub const GROUND: Colour = 0x4646_46FF;
-}
-use colour::Colour;
 
 /// Half the width of lines on the screen.
 const BEFORE_WIDTH: f32 = 0.6;
