@@ -259,3 +259,87 @@ impl Motion {
         Ok(largest)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::rotation::exp;
+    use crate::geometry::{Pose, pose};
+    use crate::nlls::manifold::{Manifold, write_pose};
+    use crate::nlls::minimise::MinimiserOptions;
+    use crate::residuals::pose_prior::PosePrior;
+    use nalgebra::{Rotation3, Vector3};
+
+    const STEP_S: f64 = 1.0 / 30.0;
+    const SIGMAS: [f64; 6] = [0.002, 0.002, 0.002, 2e-4, 2e-4, 2e-4];
+
+    /// Gaussian enough: the sum of twelve uniform numbers.
+    fn normal(rng: &mut ChaCha8Rng) -> f64 {
+        (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
+    }
+
+    fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| normal(rng))
+    }
+
+    /// Poses whose second differences are white noise of this strength, with measurement noise.
+    fn measured_poses(strength: MotionStrength, count: usize) -> Vec<Pose> {
+        let rng = &mut ChaCha8Rng::seed_from_u64(3);
+        let root = STEP_S.sqrt();
+        let (mut position, mut velocity) = (Vector3::zeros(), Vector3::new(5.0, 0.0, 0.0));
+        let (mut rotation, mut rate) = (exp(&Vector3::zeros()), Vector3::new(0.0, 0.0, 0.1));
+        let mut poses = Vec::new();
+        for _ in 0..count {
+            let noise = normal3(rng) * SIGMAS[0];
+            let mut measured = pose((position + noise).into(), [1.0, 0.0, 0.0, 0.0]);
+            measured.rotation = rotation * exp(&(normal3(rng) * SIGMAS[3]));
+            poses.push(measured);
+            position += velocity * STEP_S;
+            rotation *= exp(&(rate * STEP_S));
+            velocity += normal3(rng) * (strength.acceleration_mps2 / root * STEP_S);
+            rate += normal3(rng) * (strength.angular_acceleration_rps2 / root * STEP_S);
+        }
+        poses
+    }
+
+    #[test]
+    fn the_strength_of_simulated_motion_is_found() {
+        for strength in [
+            MotionStrength { acceleration_mps2: 0.2, angular_acceleration_rps2: 0.3 },
+            MotionStrength { acceleration_mps2: 3.0, angular_acceleration_rps2: 0.01 },
+        ] {
+            let measured = measured_poses(strength, 400);
+            let mut builder = SystemBuilder::default();
+            let blocks: Vec<BlockId> = measured
+                .iter()
+                .map(|pose| builder.add_block(Manifold::Pose, &write_pose(pose), &[true; 6]))
+                .collect();
+            let rows = measured.iter().zip(&blocks).map(|(start, block)| Measurement {
+                residual: PosePrior { start: *start, axes: Rotation3::identity() },
+                blocks: [*block],
+                sigma: SIGMAS,
+            });
+            builder.add_group("poses", Loss::Squared, rows.collect());
+            let timed: Vec<(f64, BlockId)> =
+                blocks.iter().enumerate().map(|(at, block)| (at as f64 * STEP_S, *block)).collect();
+            let mut motion = Motion::default();
+            motion.add(&mut builder, Body::Camera, &timed, MotionPrior::Estimated);
+            let mut system = builder.build();
+            let mut minimiser = Minimiser::new(&system).unwrap();
+            let mut values = system.start().clone();
+            for _ in 0..8 {
+                values = minimiser.run(&system, &values, MinimiserOptions::default(), None).values;
+                if motion.estimate(&mut system, &mut minimiser, &values).unwrap() < 1.02 {
+                    break;
+                }
+            }
+            let found = motion.strengths(&system)[0].strength;
+            let ratios = [
+                found.acceleration_mps2 / strength.acceleration_mps2,
+                found.angular_acceleration_rps2 / strength.angular_acceleration_rps2,
+            ];
+            // 1,200 rows say a standard deviation to about 1/sqrt(2 * 1200 * share of the prior).
+            assert!(ratios.iter().all(|ratio| (0.85..1.18).contains(ratio)), "{strength:?}: {ratios:?}");
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! The program as a user meets it: commands, streams, exit codes, the result folder.
+
+mod support;
+
+use predicates::prelude::*;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use support::score::rows;
+use support::{copy_folder, in_package, program};
+use tempfile::TempDir;
+
+/// A copy of the smallest problem in a place of its own.
+fn tiny() -> (TempDir, PathBuf) {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("tiny");
+    copy_folder(&in_package("problems/tiny"), &problem);
+    (place, problem)
+}
+
+fn names(folder: &Path) -> BTreeSet<String> {
+    std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+fn header(file: &Path) -> String {
+    std::fs::read_to_string(file).unwrap().lines().next().unwrap().to_owned()
+}
+
+#[test]
+fn the_result_stands_beside_the_problem_and_is_whole() {
+    let (place, problem) = tiny();
+    program().arg("refine").arg(&problem).assert().success();
+    assert_eq!(names(place.path()), ["tiny", "tiny-result"].map(String::from).into());
+    let mut wanted: BTreeSet<String> = [
+        "camera_poses.csv",
+        "report.json",
+        "residuals.csv",
+        "shape_cart.ply",
+        "trajectories.csv",
+        "vehicle_points.csv",
+        "vehicle_poses.csv",
+    ]
+    .map(String::from)
+    .into();
+    if cfg!(feature = "rerun") {
+        wanted.insert("session.rrd".to_owned());
+    }
+    assert_eq!(names(&place.path().join("tiny-result")), wanted);
+}
+
+#[test]
+fn the_tables_have_the_columns_of_the_format() {
+    let (place, problem) = tiny();
+    program().arg("refine").arg(&problem).assert().success();
+    let pose = "x,y,z,qw,qx,qy,qz,sigma_x,sigma_y,sigma_z,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg";
+    for (table, wanted) in [
+        ("camera_poses.csv", format!("frame,{pose}")),
+        ("vehicle_poses.csv", format!("frame,vehicle,{pose}")),
+        (
+            "vehicle_points.csv",
+            "vehicle,point,x,y,z,sigma_x,sigma_y,sigma_z,observations,inliers,rms_px".to_owned(),
+        ),
+        (
+            "trajectories.csv",
+            "vehicle,frame,time_s,x,y,z,speed_mps,heading_deg,sigma_x,sigma_y,sigma_z,cov_xy,\
+             sigma_speed_mps,sigma_heading_deg"
+                .to_owned(),
+        ),
+        ("residuals.csv", "frame,kind,vehicle,point,du,dv,weight".to_owned()),
+    ] {
+        assert_eq!(header(&place.path().join("tiny-result").join(table)), wanted, "{table}");
+    }
+    let cloud = std::fs::read_to_string(place.path().join("tiny-result/shape_cart.ply")).unwrap();
+    for line in ["ply", "format ascii 1.0", "element vertex 4", "property double sigma_z", "end_header"] {
+        assert!(cloud.lines().any(|l| l.trim_end() == line), "{line} is not in\n{cloud}");
+    }
+}
+
+#[test]
+fn the_first_estimate_has_the_same_tables_without_standard_deviations() {
+    let (place, problem) = tiny();
+    let out = place.path().join("first");
+    program().arg("initialise").arg(&problem).arg("--out").arg(&out).assert().success();
+    program().arg("refine").arg(&problem).assert().success();
+    assert_eq!(names(&out), names(&place.path().join("tiny-result")));
+    for table in ["camera_poses.csv", "vehicle_poses.csv", "vehicle_points.csv", "trajectories.csv"] {
+        let found = rows(&out.join(table));
+        assert!(!found.is_empty(), "{table}");
+        let sigmas = found.iter().flatten().filter(|(column, _)| column.starts_with("sigma_"));
+        assert!(sigmas.map(|(_, value)| value).all(String::is_empty), "{table}");
+        assert_eq!(header(&out.join(table)), header(&place.path().join("tiny-result").join(table)));
+    }
+}
+
+#[test]
+fn the_report_goes_to_standard_output_when_asked_for() {
+    let (place, problem) = tiny();
+    let output = program().arg("refine").arg(&problem).args(["--json", "--no-rrd"]).output().unwrap();
+    let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let written = std::fs::read(place.path().join("tiny-result/report.json")).unwrap();
+    assert_eq!(printed, serde_json::from_slice::<serde_json::Value>(&written).unwrap());
+    for key in [
+        "status",
+        "iterations",
+        "initial_cost",
+        "final_cost",
+        "observations",
+        "parameters",
+        "redundancy",
+        "sigma0",
+        "rms_px",
+        "outliers",
+        "seconds",
+        "warnings",
+    ] {
+        assert!(!printed[key].is_null(), "{key} is not in the report");
+    }
+    assert!(printed["seconds"].as_object().unwrap().values().all(|v| v.as_f64().unwrap() >= 0.0));
+    assert_eq!(printed["warnings"].as_array().unwrap().len(), 1);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("warning: vehicle cart"));
+}
+
+#[test]
+fn quiet_silences_all_but_errors() {
+    let (_place, problem) = tiny();
+    program().arg("refine").arg(&problem).arg("--quiet").assert().success().stdout("").stderr("");
+    std::fs::remove_file(problem.join("frames.csv")).unwrap();
+    let refused = program().arg("refine").arg(&problem).arg("--quiet").assert().code(3).stdout("");
+    refused.stderr(predicate::str::contains("frames.csv"));
+}
+
+#[test]
+fn progress_is_no_bar_where_there_is_no_terminal() {
+    let (_place, problem) = tiny();
+    let assert = program().arg("refine").arg(&problem).assert().success();
+    let progress = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(progress.contains("round 1: approach\nround 2: final\n"), "{progress}");
+    assert!(!progress.contains(['\r', '\u{1b}']), "{progress:?}");
+}
+
+#[test]
+fn every_iteration_has_a_line_when_asked_for() {
+    let (_place, problem) = tiny();
+    let assert = program().arg("refine").arg(&problem).arg("-v").assert().success();
+    let table = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    let columns =
+        ["iter", "cost", "change", "|gradient|", "|step|", "gain", "damping", "iter time", "total time"];
+    assert!(columns.iter().all(|column| table.contains(column)), "{table}");
+    let lines = table.lines().filter(|line| line.trim_start().starts_with(|c: char| c.is_ascii_digit()));
+    assert!(lines.count() >= 4, "{table}");
+}
+
+#[test]
+fn the_recording_goes_where_it_is_told() {
+    let (place, problem) = tiny();
+    let file = place.path().join("here.rrd");
+    let mut command = program();
+    command.arg("refine").arg(&problem).arg("--rrd").arg(&file);
+    if cfg!(feature = "rerun") {
+        command.assert().success();
+        assert!(std::fs::read(&file).unwrap().starts_with(b"RRF"));
+        assert!(!place.path().join("tiny-result/session.rrd").exists());
+    } else {
+        command.assert().code(2);
+        assert_eq!(names(place.path()), ["tiny"].map(String::from).into());
+    }
+    program().arg("refine").arg(&problem).arg("--no-rrd").assert().success();
+    assert!(!names(&place.path().join("tiny-result")).contains("session.rrd"));
+}
+
+#[test]
+fn what_is_no_result_is_never_touched() {
+    let (place, problem) = tiny();
+    let out = place.path().join("thesis");
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("report.json"), "{\"program\": \"another\"}").unwrap();
+    let refused = program().arg("refine").arg(&problem).arg("--out").arg(&out).assert().code(2);
+    refused.stderr(predicate::str::contains("thesis"));
+    assert_eq!(names(&out), ["report.json"].map(String::from).into());
+    assert_eq!(names(place.path()), ["thesis", "tiny"].map(String::from).into());
+    // A result makes way for the next one, with all that is in it.
+    program().arg("refine").arg(&problem).assert().success();
+    std::fs::write(place.path().join("tiny-result/stale.csv"), "").unwrap();
+    program().arg("refine").arg(&problem).assert().success();
+    assert!(!names(&place.path().join("tiny-result")).contains("stale.csv"));
+}
+
+#[test]
+fn wrong_usage_is_told_apart() {
+    let (place, problem) = tiny();
+    for arguments in [
+        vec!["refine"],
+        vec!["polish"],
+        vec!["refine", "x", "--loss", "l1"],
+        vec!["refine", "x", "--loss-scale", "0"],
+        vec!["refine", "x", "--threads", "0"],
+        vec!["refine", "x", "--max-iterations", "-1"],
+        vec!["initialise", "x"],
+    ] {
+        program().args(&arguments).assert().code(2).stdout("");
+    }
+    program().arg("refine").arg(place.path().join("nowhere")).assert().code(3);
+    program().arg("check").arg(&problem).assert().success();
+    assert_eq!(names(place.path()), ["tiny"].map(String::from).into());
+}
+
+#[test]
+fn a_check_says_what_is_there() {
+    let output = program().arg("check").arg(in_package("problems/suv-noisy")).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    for wanted in [
+        "problem     suv-noisy\n",
+        "frames      150, 0.000 s to 4.967 s\n",
+        "car1: 401 points, 60,150 image points, seen in 150 frames (0 to 149)",
+        "a point is seen in 150 to 150 frames, median 150",
+        "24 control, 0 check, 0 tie; 2,571 image points",
+        "GNSS track of car1 (24 positions), scan of car1 (5,518 points)",
+        "ready for   initialise, refine\n",
+        "scale       of car1 is fixed",
+    ] {
+        assert!(text.contains(wanted), "{wanted:?} is not in\n{text}");
+    }
+}
+
+#[test]
+fn every_loss_can_be_named() {
+    let (_place, problem) = tiny();
+    for loss in ["none", "huber", "cauchy", "tukey", "geman-mcclure", "barron"] {
+        let output = program().arg("refine").arg(&problem).args(["--json", "--loss", loss]).output().unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(report["loss"]["name"], loss);
+    }
+}
+
+#[test]
+fn the_limit_of_iterations_is_said_to_have_been_reached() {
+    let place = tempfile::tempdir().unwrap();
+    let output = program()
+        .arg("refine")
+        .arg(in_package("problems/suv-noisy"))
+        .arg("--out")
+        .arg(place.path().join("out"))
+        .args(["--max-iterations", "2", "--json", "--no-rrd"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["status"], &report["iterations"]), (&"iteration_limit".into(), &2.into()));
+}
+
+#[test]
+fn versions_helps_and_completions_are_printed() {
+    let version = format!("trackbundle {}\n", env!("CARGO_PKG_VERSION"));
+    program().arg("--version").assert().success().stdout(version);
+    for command in ["check", "initialise", "refine", "completions"] {
+        let help = program().args([command, "--help"]).assert().success();
+        help.stdout(predicate::str::contains("Usage: trackbundle"));
+    }
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = program().args(["completions", shell]).assert().success();
+        script.stdout(predicate::str::contains("refine"));
+    }
+}
