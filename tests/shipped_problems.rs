@@ -225,3 +225,29 @@ fn the_cart_can_be_checked_by_hand() {
         ["10 0.0 -1.0 0.0 2.0 1.0 0.0", "20 1.0 0.0 0.0 2.0 1.0 0.0", "30 2.0 1.0 0.0 2.0 1.0 0.0"]
     );
 }
+
+#[test]
+fn the_readme_shows_what_is_printed() {
+    let readme = std::fs::read_to_string(in_package("README.md")).unwrap();
+    let shown = readme.split_once("<!-- output -->\n```\n").unwrap().1.split_once("```").unwrap().0;
+    let place = tempfile::tempdir().unwrap();
+    copy_folder(&shipped("suv-noisy"), &place.path().join("problems/suv-noisy"));
+    let mut program = program();
+    program.current_dir(place.path()).args(["refine", "problems/suv-noisy", "--no-rrd"]);
+    let output = program.output().unwrap();
+    let printed = [output.stderr, output.stdout].map(|stream| String::from_utf8(stream).unwrap()).concat();
+    let words = |text: &str| -> Vec<String> {
+        text.split([' ', '\n']).filter(|word| !word.is_empty()).map(str::to_owned).collect()
+    };
+    let (shown, printed) = (words(shown), words(&printed));
+    assert_eq!(shown.len(), printed.len(), "{shown:?}\n{printed:?}");
+    for (shown, printed) in shown.iter().zip(&printed) {
+        let number = |word: &str| word.replace([',', '(', ')', ';'], "").parse::<f64>().ok();
+        match (number(shown), number(printed)) {
+            // What is left of a decrease is rounding, another on every kind of processor.
+            (Some(a), Some(b)) if a.abs() < 1e-6 => assert!(b.abs() < 1e-6, "{shown} {printed}"),
+            (Some(a), Some(b)) => assert!((a - b).abs() <= 0.02 * a.abs(), "{shown} {printed}"),
+            _ => assert_eq!(shown, printed),
+        }
+    }
+}

@@ -85,9 +85,10 @@ impl Drop for Clearing {
 }
 
 /// A number with its thousands set apart.
-pub fn grouped(number: usize) -> String {
+pub fn grouped(number: impl ToString) -> String {
     let digits = number.to_string();
-    let mut text = String::new();
+    let (sign, digits) = digits.split_at(usize::from(digits.starts_with('-')));
+    let mut text = sign.to_owned();
     for (at, digit) in digits.chars().enumerate() {
         if at > 0 && (digits.len() - at).is_multiple_of(3) {
             text.push(',');
@@ -109,6 +110,7 @@ mod tests {
     #[test]
     fn thousands_are_set_apart() {
         assert_eq!([0, 999, 1000, 60150, 1234567].map(grouped), ["0", "999", "1,000", "60,150", "1,234,567"]);
+        assert_eq!([-999, -1000].map(grouped), ["-999", "-1,000"]);
         assert_eq!(counted(1, "frame"), "1 frame");
         assert_eq!(counted(2000, "frame"), "2,000 frames");
     }

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::options::{OutputOptions, computable, default_result_folder, motion_prior, positive, read, shape};
-use super::output::{counted, print, progress};
+use super::output::{counted, grouped, print, progress};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
 use crate::refine::{Adjustment, MotionPrior, MotionPriors, RefineOptions, refine};
@@ -122,7 +122,7 @@ fn summary(adjustment: &Adjustment, report: &Report) -> String {
         number(report.sigma0, 4),
         counted(report.observations, "row"),
         counted(report.parameters, "parameter"),
-        report.redundancy
+        grouped(report.redundancy)
     );
     text += &format!(
         "residuals   rms {} px (vehicles {}, targets {}), {}\n",
