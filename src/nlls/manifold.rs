@@ -10,7 +10,7 @@ use crate::geometry::{self, Pose};
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
 /// The most numbers that perturb one block.
-pub const MAX_TANGENT: usize = 6;
+pub const MAX_TANGENT: usize = 9;
 
 /// The set that one block of unknowns lives in.
 ///
@@ -18,10 +18,12 @@ pub const MAX_TANGENT: usize = 6;
 /// `plus(x, minus(y, x)) = y`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manifold {
-    /// `n <= 6` plain numbers.
+    /// `n <= 9` plain numbers.
     Vector(usize),
     /// A rigid transform `world_from_body`.
     Pose,
+    /// A rigid transform and `n <= 3` plain numbers after it, such as a camera with its lens.
+    PoseAndVector(usize),
 }
 
 impl Manifold {
@@ -35,6 +37,7 @@ impl Manifold {
         match self {
             Manifold::Vector(n) => n,
             Manifold::Pose => 7,
+            Manifold::PoseAndVector(n) => 7 + n,
         }
     }
 
@@ -43,6 +46,7 @@ impl Manifold {
         match self {
             Manifold::Vector(n) => n,
             Manifold::Pose => 6,
+            Manifold::PoseAndVector(n) => 6 + n,
         }
     }
 
@@ -57,6 +61,10 @@ impl Manifold {
                 value.rotation.renormalize();
                 moved.copy_from_slice(&write_pose(&value));
             }
+            Manifold::PoseAndVector(n) => {
+                Manifold::Pose.plus(&x[..7], &delta[..6], &mut moved[..7]);
+                Manifold::Vector(n).plus(&x[7..], &delta[6..], &mut moved[7..]);
+            }
         }
     }
 
@@ -66,6 +74,10 @@ impl Manifold {
             Manifold::Vector(n) => (0..n).for_each(|i| delta[i] = y[i] - x[i]),
             Manifold::Pose => {
                 delta.copy_from_slice(pose_minus(&read_pose(y), &read_pose(x)).as_slice());
+            }
+            Manifold::PoseAndVector(n) => {
+                Manifold::Pose.minus(&y[..7], &x[..7], &mut delta[..6]);
+                Manifold::Vector(n).minus(&y[7..], &x[7..], &mut delta[6..]);
             }
         }
     }
@@ -139,6 +151,9 @@ mod tests {
         for turn in [0.0, 1e-9, 0.3, 3.1] {
             let turn = Vector3::new(0.6, -0.48, 0.64) * turn;
             obeys_the_laws(Manifold::Pose, &x, &[0.1, -4.0, 2.0, turn.x, turn.y, turn.z]);
+            let with_lens = [x.as_slice(), &[2.0, -1.0]].concat();
+            let delta = [0.1, -4.0, 2.0, turn.x, turn.y, turn.z, 0.5, 0.25];
+            obeys_the_laws(Manifold::PoseAndVector(2), &with_lens, &delta);
         }
     }
 

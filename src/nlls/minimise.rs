@@ -14,7 +14,7 @@
 
 use super::linear::cholesky::{Cholesky, Singular, TooLarge};
 use super::linear::matrix::BlockMatrix;
-use super::system::{Cost, Normal, System, Values};
+use super::system::{Cost, Normal, Step, System, Values};
 use argmin::core::observers::{Observe, ObserverMode};
 use argmin::core::{Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use std::collections::HashMap;
@@ -28,11 +28,20 @@ pub struct MinimiserOptions {
     pub max_iterations: usize,
     /// Stop when a step that is hardly damped lowers the cost by less than this share of it.
     pub relative_decrease: f64,
+    /// Damping at the start.
+    pub first_damping: f64,
+    /// Damping up to which a step is hardly damped.
+    pub hardly_damped: f64,
 }
 
 impl Default for MinimiserOptions {
     fn default() -> Self {
-        MinimiserOptions { max_iterations: 50, relative_decrease: 1e-8 }
+        MinimiserOptions {
+            max_iterations: 50,
+            relative_decrease: 1e-8,
+            first_damping: FIRST_DAMPING,
+            hardly_damped: HARDLY_DAMPED,
+        }
     }
 }
 
@@ -149,6 +158,19 @@ pub struct Minimum {
     pub records: Vec<IterationRecord>,
 }
 
+/// Wall time of the stages of all iterations \[s\].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StageSeconds {
+    /// Jacobians, normal equations, elimination of leaves.
+    pub linearise: f64,
+    /// Factorisation and solution of what is left.
+    pub factorise: f64,
+    /// Steps of leaves.
+    pub substitute: f64,
+    /// Costs.
+    pub cost: f64,
+}
+
 /// Where the minimiser reports each iteration.
 pub type Watch = Box<dyn FnMut(&IterationRecord)>;
 
@@ -157,15 +179,17 @@ pub type Watch = Box<dyn FnMut(&IterationRecord)>;
 pub struct Minimiser {
     options: MinimiserOptions,
     normal: Normal,
-    damped: BlockMatrix,
+    /// The damped matrix, where it is not formed with its damping at once.
+    damped: Option<BlockMatrix>,
     cholesky: Cholesky,
     damping: f64,
     /// By what the damping is multiplied at the next rejection.
     growth: f64,
-    /// Whether `normal` belongs to the current values.
-    linearised: bool,
+    /// The damping with which `normal` was formed at the current values, if it was.
+    linearised: Option<f64>,
     /// The damping of the last factorisation.
     factor_damping: f64,
+    stages: StageSeconds,
 }
 
 impl Minimiser {
@@ -173,7 +197,7 @@ impl Minimiser {
     pub fn new(system: &System) -> Result<Self, TooLarge> {
         let normal = system.normal();
         let cholesky = Cholesky::analyse(&normal.matrix)?;
-        let damped = normal.matrix.clone();
+        let damped = (!system.has_leaves()).then(|| normal.matrix.clone());
         Ok(Minimiser {
             options: MinimiserOptions::default(),
             normal,
@@ -181,9 +205,15 @@ impl Minimiser {
             cholesky,
             damping: FIRST_DAMPING,
             growth: FIRST_GROWTH,
-            linearised: false,
+            linearised: None,
             factor_damping: f64::INFINITY,
+            stages: StageSeconds::default(),
         })
+    }
+
+    /// Wall time of the stages of all iterations of all runs.
+    pub fn stage_seconds(&self) -> StageSeconds {
+        self.stages
     }
 
     /// Minimises the cost of `system` from `start`.
@@ -195,9 +225,9 @@ impl Minimiser {
         watch: Option<Watch>,
     ) -> Minimum {
         self.options = options;
-        self.damping = FIRST_DAMPING;
+        self.damping = options.first_damping;
         self.growth = FIRST_GROWTH;
-        self.linearised = false;
+        self.linearised = None;
         let mut executor = Executor::new(system, self)
             .configure(|state: LmState| state.start_at(start.clone(), options.max_iterations))
             .ctrlc(false);
@@ -221,25 +251,53 @@ impl Minimiser {
         values: &Values,
     ) -> Result<(&Normal, &mut Cholesky), Singular> {
         if self.factor_damping > HARDLY_DAMPED {
-            system.linearise(values, &mut self.normal);
-            self.linearised = true;
+            system.linearise(values, 0.0, &mut self.normal).ok_or(Singular)?;
+            self.linearised = Some(0.0);
             self.cholesky.factorise(&self.normal.matrix)?;
             self.factor_damping = 0.0;
         }
         Ok((&self.normal, &mut self.cholesky))
     }
 
-    /// The damped step and the diagonal that scales it; `None` where the system cannot be solved.
-    fn step(&mut self) -> Option<(Vec<f64>, Vec<f64>)> {
-        let scale: Vec<f64> = self.normal.matrix.diagonal().iter().map(|d| d.clamp(1e-12, 1e32)).collect();
-        let extra: Vec<f64> = scale.iter().map(|d| d * self.damping).collect();
-        self.damped.copy_with_diagonal(&self.normal.matrix, &extra);
+    /// Linearises at `values`, unless that is done; `None` where the system cannot be solved.
+    fn linearise(&mut self, system: &System, values: &Values) -> Option<()> {
+        let is_done = |damping: f64| damping == self.damping || !system.has_leaves();
+        if !self.linearised.is_some_and(is_done) {
+            self.linearised = None;
+            let begin = Instant::now();
+            let done = system.linearise(values, self.damping, &mut self.normal);
+            self.stages.linearise += begin.elapsed().as_secs_f64();
+            done?;
+            self.linearised = Some(self.damping);
+        }
+        Some(())
+    }
+
+    /// The damped step; `None` where the system cannot be solved.
+    fn step(&mut self, system: &System, values: &Values) -> Option<Step> {
+        let begin = Instant::now();
+        let extra: Vec<f64> = self.normal.scale().iter().map(|d| d * self.damping).collect();
         self.factor_damping = f64::INFINITY;
-        self.cholesky.factorise(&self.damped).ok()?;
+        match &mut self.damped {
+            Some(damped) => {
+                damped.copy_with_diagonal(&self.normal.matrix, &extra);
+                self.cholesky.factorise(damped).ok()?;
+            }
+            None => {
+                // Formed for this damping alone.
+                self.normal.matrix.add_to_diagonal(&extra);
+                self.linearised = None;
+                self.cholesky.factorise(&self.normal.matrix).ok()?;
+            }
+        }
         self.factor_damping = self.damping;
-        let mut step: Vec<f64> = self.normal.gradient.iter().map(|g| -g).collect();
-        self.cholesky.solve(&mut step);
-        step.iter().all(|s| s.is_finite()).then_some((step, scale))
+        let mut others: Vec<f64> = self.normal.gradient.iter().map(|g| -g).collect();
+        self.cholesky.solve(&mut others);
+        self.stages.factorise += begin.elapsed().as_secs_f64();
+        let begin = Instant::now();
+        let step = system.back_substitute(values, self.damping, &mut self.normal, others);
+        self.stages.substitute += begin.elapsed().as_secs_f64();
+        step.delta.iter().all(|s| s.is_finite()).then_some(step)
     }
 
     fn reject(&mut self) {
@@ -251,17 +309,14 @@ impl Minimiser {
         let factor = (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(0.1, 2.0);
         self.damping = (self.damping * factor).max(LEAST_DAMPING);
         self.growth = FIRST_GROWTH;
-        self.linearised = false;
+        self.linearised = None;
     }
 
     /// One attempt: the record of it, and the reason to stop after it, if there is one.
     fn attempt(&mut self, system: &System, state: &mut LmState) -> (IterationRecord, Option<Stop>) {
         let values = state.values.as_ref().expect("set at the start");
-        if !self.linearised {
-            system.linearise(values, &mut self.normal);
-            self.linearised = true;
-        }
-        let gradient = self.normal.gradient.iter().fold(0.0, |a: f64, g| a.max(g.abs()));
+        let is_linear = self.linearise(system, values).is_some();
+        let gradient = self.normal.largest_gradient();
         let mut record = IterationRecord {
             iteration: state.iteration as usize + 1,
             cost: state.cost.value,
@@ -269,22 +324,21 @@ impl Minimiser {
             damping: self.damping,
             ..Default::default()
         };
-        if gradient == 0.0 {
+        if is_linear && gradient == 0.0 {
             return (record, Some(Stop::ZeroGradient));
         }
         let stalled = (self.damping > MOST_DAMPING).then_some(Stop::Stalled { damping: self.damping });
-        let Some((step, scale)) = self.step() else {
+        let Some(step) = is_linear.then(|| self.step(system, values)).flatten() else {
             self.reject();
             return (record, stalled);
         };
-        let weighted = |i: usize| scale[i] * step[i] * step[i];
-        let squared_step: f64 = (0..step.len()).map(weighted).sum();
-        let slope: f64 = step.iter().zip(&self.normal.gradient).map(|(s, g)| s * g).sum();
         // Of the undamped model, for the damped step: -g s - s H s / 2 = (lambda s D s - g s) / 2.
-        let predicted = 0.5 * (self.damping * squared_step - slope);
-        record.step = squared_step.sqrt();
-        let trial = system.plus(values, &step);
+        let predicted = 0.5 * (self.damping * step.squared - step.slope);
+        record.step = step.squared.sqrt();
+        let begin = Instant::now();
+        let trial = system.plus(values, &step.delta);
         let trial_cost = system.cost(&trial);
+        self.stages.cost += begin.elapsed().as_secs_f64();
         record.change = state.cost.value - trial_cost.value;
         record.gain = record.change / predicted;
         let rounding = ROUNDING * state.cost.value;
@@ -293,7 +347,7 @@ impl Minimiser {
             record.cost = trial_cost.value;
             let relative = record.change / state.cost.value;
             let limit = self.options.relative_decrease;
-            let hardly_damped = self.damping <= HARDLY_DAMPED;
+            let hardly_damped = self.damping <= self.options.hardly_damped;
             state.values = Some(trial);
             state.cost = trial_cost;
             self.accept(record.gain);

@@ -1,6 +1,6 @@
 //! Sparse Cholesky factorisation of a [`BlockMatrix`], its symbolic part done once.
 
-use super::matrix::BlockMatrix;
+use super::matrix::{BlockMatrix, Pattern};
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
@@ -28,14 +28,14 @@ pub struct Singular;
 pub struct TooLarge;
 
 impl Cholesky {
-    /// Analyses the pattern of `matrix`. Uses the threads of the current pool; their number does not
+    /// Analyses a pattern. Uses the threads of the current pool; their number does not
     /// change the result.
-    pub fn analyse(matrix: &BlockMatrix) -> Result<Self, TooLarge> {
+    pub fn analyse(matrix: &Pattern) -> Result<Self, TooLarge> {
         let n = matrix.size();
         // The matrix is kept in elimination order already.
         let identity: Vec<usize> = (0..n).collect();
         let symbolic = factorize_symbolic_cholesky(
-            matrix.lower().symbolic(),
+            matrix.symbolic(),
             Side::Lower,
             SymmetricOrdering::Custom(PermRef::new_checked(&identity, &identity, n)),
             CholeskySymbolicParams {
@@ -101,6 +101,7 @@ const MAX_RIGHT_SIDES: usize = 32;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Arc;
 
     /// A diagonally dominant matrix on an irregular graph of blocks, and its dense copy.
     fn example() -> (BlockMatrix, nalgebra::DMatrix<f64>) {
@@ -109,7 +110,7 @@ mod tests {
             .flat_map(|a| (0..a).map(move |b| (a, b)))
             .filter(|(a, b)| (a * 5 + b * 3) % 7 < 2)
             .collect();
-        let mut matrix = BlockMatrix::new(&dims, pairs.iter().copied());
+        let mut matrix = BlockMatrix::zeros(Arc::new(Pattern::new(&dims, pairs.iter().copied())));
         let ranges: Vec<_> = (0..25).map(|position| matrix.range(position)).collect();
         let mut dense = nalgebra::DMatrix::zeros(matrix.size(), matrix.size());
         let mut state = 1_u32;
@@ -169,7 +170,7 @@ mod tests {
         let dims: Vec<usize> = (0..poses + points).map(|at| if at < poses { 6 } else { 3 }).collect();
         let band = (1..poses).map(|at| (at, at - 1));
         let border = (poses..poses + points).flat_map(|row| (0..row).map(move |column| (row, column)));
-        let mut matrix = BlockMatrix::new(&dims, band.chain(border));
+        let mut matrix = BlockMatrix::zeros(Arc::new(Pattern::new(&dims, band.chain(border))));
         let n = matrix.size();
         for mut column in matrix.columns_mut() {
             column.clear();

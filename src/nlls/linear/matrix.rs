@@ -1,11 +1,14 @@
 //! A symmetric matrix of small dense blocks, lower triangle, in elimination order.
 
 use super::ordering::{self, Ordering};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat, SymbolicSparseColMatRef};
+use std::ops::Deref;
+use std::sync::Arc;
 
-/// Pattern and values. Positions are places in the elimination order.
-#[derive(Clone, Debug)]
-pub struct BlockMatrix {
+/// Which blocks there are, and where their values stand. Positions are places in the elimination
+/// order.
+#[derive(Debug)]
+pub struct Pattern {
     ordering: Ordering,
     position: Vec<usize>,
     /// Size of the block at each position.
@@ -14,10 +17,43 @@ pub struct BlockMatrix {
     starts: Vec<usize>,
     /// Positions of the blocks in each block column, diagonal first, sorted.
     rows: Vec<Vec<usize>>,
-    /// Where each block column begins in `values`, and their number at the end.
+    /// Where each block column begins among the values, and their number at the end.
     value_starts: Vec<usize>,
     symbolic: SymbolicSparseColMat<usize>,
+}
+
+/// A pattern and its values.
+#[derive(Clone, Debug)]
+pub struct BlockMatrix {
+    pattern: Arc<Pattern>,
     values: Vec<f64>,
+}
+
+impl Deref for BlockMatrix {
+    type Target = Pattern;
+
+    fn deref(&self) -> &Pattern {
+        &self.pattern
+    }
+}
+
+/// Where the values of a block stand: column `c` of a block is contiguous, its row `r` at
+/// [`Place::column_start`]` + r`.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    first: usize,
+    /// Entries of the first scalar column of the block column; each next one has one fewer.
+    height: usize,
+}
+
+impl Place {
+    /// Where row 0 of a column of the block stands. In a diagonal block, rows above the diagonal do
+    /// not exist: count on from here only for `row >= column`.
+    #[inline(always)]
+    pub fn column_start(self, column: usize) -> usize {
+        // Column c of the lower triangle is c entries shorter than the first.
+        self.first + column * self.height - column * column.saturating_sub(1) / 2 - column
+    }
 }
 
 /// One block column, to be written.
@@ -31,21 +67,14 @@ pub struct ColumnMut<'a> {
     values: &'a mut [f64],
 }
 
-impl BlockMatrix {
-    /// A zero matrix with a diagonal block for each of `dims` and a block for each pair that shares
-    /// a measurement. The elimination order is the cheapest known.
+/// Up to so many blocks, pairs are collected in a table of bits.
+const MOST_IN_TABLE: usize = 8192;
+
+impl Pattern {
+    /// A diagonal block for each of `dims` and a block for each pair that shares a measurement. The
+    /// elimination order is the cheapest known.
     pub fn new(dims: &[usize], pairs: impl IntoIterator<Item = (usize, usize)>) -> Self {
-        let mut neighbours: Vec<Vec<usize>> = vec![Vec::new(); dims.len()];
-        for (a, b) in pairs {
-            if a != b {
-                neighbours[a].push(b);
-                neighbours[b].push(a);
-            }
-        }
-        for list in &mut neighbours {
-            list.sort_unstable();
-            list.dedup();
-        }
+        let neighbours = neighbours(dims.len(), pairs);
         let ordering = ordering::cheapest(dims, &neighbours);
         Self::with_ordering(dims, &neighbours, ordering)
     }
@@ -80,14 +109,18 @@ impl BlockMatrix {
             rows.push(column);
         }
         let n = starts[starts.len() - 1];
-        let values = vec![0.0; row_indices.len()];
         let symbolic = SymbolicSparseColMat::new_checked(n, n, column_starts, None, row_indices);
-        BlockMatrix { ordering, position, dims, starts, rows, value_starts, symbolic, values }
+        Pattern { ordering, position, dims, starts, rows, value_starts, symbolic }
     }
 
     /// Rows and columns.
     pub fn size(&self) -> usize {
         self.starts[self.starts.len() - 1]
+    }
+
+    /// How many values a matrix of this pattern has.
+    pub fn values(&self) -> usize {
+        self.value_starts[self.value_starts.len() - 1]
     }
 
     /// The elimination order and what it costs.
@@ -105,21 +138,80 @@ impl BlockMatrix {
         self.starts[position]..self.starts[position + 1]
     }
 
+    /// The lower triangle as compressed sparse columns.
+    pub fn symbolic(&self) -> SymbolicSparseColMatRef<'_, usize> {
+        self.symbolic.as_ref()
+    }
+
     /// For each column its block rows, diagonal first, sorted.
     pub fn rows(&self) -> &[Vec<usize>] {
         &self.rows
     }
 
+    /// Where the values of every block of a column stand, in the order of its rows.
+    pub fn places(&self, column: usize) -> impl Iterator<Item = Place> {
+        let height = self.rows[column].iter().map(|&row| self.dims[row]).sum();
+        let first = self.value_starts[column];
+        self.rows[column].iter().scan(first, move |next, &row| {
+            let place = Place { first: *next, height };
+            *next += self.dims[row];
+            Some(place)
+        })
+    }
+}
+
+/// For each of `n` blocks those that it shares a pair with, sorted, without itself.
+fn neighbours(n: usize, pairs: impl IntoIterator<Item = (usize, usize)>) -> Vec<Vec<usize>> {
+    if n <= MOST_IN_TABLE {
+        let words = n.div_ceil(64);
+        let mut table = vec![0_u64; n * words];
+        for (a, b) in pairs {
+            table[a * words + b / 64] |= 1 << (b % 64);
+            table[b * words + a / 64] |= 1 << (a % 64);
+        }
+        let of = |a: usize| {
+            let is_set = |b: &usize| *b != a && table[a * words + b / 64] >> (b % 64) & 1 == 1;
+            (0..n).filter(is_set).collect()
+        };
+        return (0..n).map(of).collect();
+    }
+    let mut neighbours: Vec<Vec<usize>> = vec![Vec::new(); n];
+    for (a, b) in pairs {
+        if a != b {
+            neighbours[a].push(b);
+            neighbours[b].push(a);
+        }
+    }
+    for list in &mut neighbours {
+        list.sort_unstable();
+        list.dedup();
+    }
+    neighbours
+}
+
+impl BlockMatrix {
+    /// A zero matrix of this pattern.
+    pub fn zeros(pattern: Arc<Pattern>) -> Self {
+        let values = vec![0.0; pattern.values()];
+        BlockMatrix { pattern, values }
+    }
+
+    /// All values.
+    pub fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
     /// Every block column, to be written independently of the others.
     pub fn columns_mut(&mut self) -> Vec<ColumnMut<'_>> {
+        let Pattern { dims, rows, value_starts, .. } = &*self.pattern;
         let mut left = self.values.as_mut_slice();
-        let mut columns = Vec::with_capacity(self.dims.len());
-        for (position, rows) in self.rows.iter().enumerate() {
-            let length = self.value_starts[position + 1] - self.value_starts[position];
+        let mut columns = Vec::with_capacity(dims.len());
+        for (position, rows) in rows.iter().enumerate() {
+            let length = value_starts[position + 1] - value_starts[position];
             let (values, rest) = left.split_at_mut(length);
             left = rest;
-            let height = rows.iter().map(|&row| self.dims[row]).sum();
-            columns.push(ColumnMut { position, rows, dims: &self.dims, height, values });
+            let height = rows.iter().map(|&row| dims[row]).sum();
+            columns.push(ColumnMut { position, rows, dims, height, values });
         }
         columns
     }
@@ -132,14 +224,21 @@ impl BlockMatrix {
 
     /// Sets one entry of the diagonal, by scalar index.
     pub fn set_diagonal(&mut self, index: usize, value: f64) {
-        self.values[self.symbolic.col_ptr()[index]] = value;
+        let at = self.symbolic.col_ptr()[index];
+        self.values[at] = value;
     }
 
     /// Copies the values of `other`, which has the same pattern, adding `extra` to the diagonal.
     pub fn copy_with_diagonal(&mut self, other: &BlockMatrix, extra: &[f64]) {
         self.values.copy_from_slice(&other.values);
-        for (start, extra) in self.symbolic.col_ptr().iter().zip(extra) {
-            self.values[*start] += extra;
+        self.add_to_diagonal(extra);
+    }
+
+    /// Adds to the diagonal.
+    pub fn add_to_diagonal(&mut self, extra: &[f64]) {
+        let BlockMatrix { pattern, values } = self;
+        for (start, extra) in pattern.symbolic.col_ptr().iter().zip(extra) {
+            values[*start] += extra;
         }
     }
 

@@ -3,9 +3,9 @@
 //! Every block of the normal matrix knows beforehand which measurements contribute to it and sums
 //! them in their order: no lock, no race, the same sum on any number of threads.
 
-use super::System;
 use super::group::{AnyGroup, Linear};
-use crate::nlls::linear::matrix::BlockMatrix;
+use super::{BlockId, System};
+use crate::nlls::linear::matrix::{BlockMatrix, Pattern};
 use crate::nlls::manifold::MAX_TANGENT;
 use rayon::prelude::*;
 
@@ -26,10 +26,18 @@ pub(super) struct Gather {
     /// First share of each block, and their number at the end.
     share_starts: Vec<usize>,
     shares: Vec<Share>,
+    /// Whether any measurement of a group contributes.
+    takes_part: Vec<bool>,
 }
 
 impl Gather {
-    pub fn new(matrix: &BlockMatrix, groups: &[Box<dyn AnyGroup>], position: &[Option<usize>]) -> Self {
+    /// For the measurements that `has_leaf` does not take away.
+    pub fn new(
+        matrix: &Pattern,
+        groups: &[Box<dyn AnyGroup>],
+        position: &[Option<usize>],
+        has_leaf: &dyn Fn(&[BlockId]) -> bool,
+    ) -> Self {
         let mut column_starts = vec![0];
         matrix
             .rows()
@@ -45,6 +53,9 @@ impl Gather {
                 let starts = group.column_starts();
                 for item in 0..group.len() {
                     let blocks = group.blocks(item);
+                    if has_leaf(blocks) {
+                        continue;
+                    }
                     for (i, a) in blocks.iter().enumerate() {
                         for (j, b) in blocks.iter().enumerate() {
                             let (Some(row), Some(column)) = (position[a.0], position[b.0]) else {
@@ -72,17 +83,24 @@ impl Gather {
         for block in 1..share_starts.len() {
             share_starts[block] += share_starts[block - 1];
         }
+        let takes_part = |group: &dyn AnyGroup| (0..group.len()).any(|item| !has_leaf(group.blocks(item)));
+        let takes_part = groups.iter().map(|group| takes_part(&**group)).collect();
         let mut next = share_starts.clone();
         let mut shares = vec![Share::default(); share_starts[share_starts.len() - 1]];
         for_each_share(&mut |block, share| {
             shares[next[block]] = share;
             next[block] += 1;
         });
-        Gather { column_starts, share_starts, shares }
+        Gather { column_starts, share_starts, shares, takes_part }
+    }
+
+    /// Whether any measurement of a group contributes.
+    pub fn takes_part(&self, group: usize) -> bool {
+        self.takes_part[group]
     }
 
     /// Sums the normal matrix and the gradient.
-    pub fn assemble(&self, linear: &[Linear], matrix: &mut BlockMatrix, gradient: &mut [f64]) {
+    pub fn assemble(&self, linear: &[Option<Linear>], matrix: &mut BlockMatrix, gradient: &mut [f64]) {
         let dims: Vec<usize> = (0..matrix.rows().len()).map(|p| matrix.range(p).len()).collect();
         let gradients = split_by(gradient, &dims);
         matrix.columns_mut().into_par_iter().zip(gradients).for_each(|(mut column, gradient)| {
@@ -96,7 +114,7 @@ impl Gather {
                 let (height, width) = (dims[row], dims[position]);
                 let mut sum = [0.0; MAX_TANGENT * MAX_TANGENT];
                 for share in shares {
-                    let linear = &linear[share.group as usize];
+                    let linear = linear[share.group as usize].as_ref().expect("a group that takes part");
                     let (a, b) = (
                         linear.columns_of(share, share.row_at, height),
                         linear.columns_of(share, share.column_at, width),
@@ -126,12 +144,12 @@ impl Gather {
     pub fn transposed_product(&self, group: usize, linear: &Linear, z: &[f64], system: &System) -> Vec<f64> {
         let group = &system.groups[group];
         let starts = group.column_starts();
-        let mut product = vec![0.0; system.matrix.size()];
+        let mut product = vec![0.0; system.pattern.size()];
         for item in 0..group.len() {
             let z = &z[item * linear.rows..][..linear.rows];
             for (block, start) in group.blocks(item).iter().zip(&starts) {
                 let Some(position) = system.position[block.0] else { continue };
-                let range = system.matrix.range(position);
+                let range = system.pattern.range(position);
                 let columns = &linear.jacobians[(item * linear.columns + start) * linear.rows..];
                 for (out, column) in product[range].iter_mut().zip(columns.chunks_exact(linear.rows)) {
                     *out += dot(column, z);

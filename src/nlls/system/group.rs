@@ -1,9 +1,11 @@
 //! Measurements of one kind under one loss.
 
+use super::leaves::{Entry, Local, Part};
 use super::{BlockId, Cost, System, Values};
 use crate::nlls::loss::Loss;
 use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::SVector;
+use pulp::Arch;
 use rayon::prelude::*;
 
 /// A measurement whose geometry is impossible, such as a point behind the camera, costs as much as
@@ -55,6 +57,15 @@ pub(super) trait AnyGroup: Send + Sync {
     fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
     fn linear(&self) -> Linear;
     fn linearise(&self, system: &System, values: &Values, linear: &mut Linear);
+    /// Appends measurements that see this leaf, linearised.
+    fn linearise_leaf(
+        &self,
+        items: &[(u32, u32)],
+        leaf: usize,
+        system: &System,
+        values: &Values,
+        local: &mut Local,
+    );
 }
 
 impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
@@ -113,6 +124,56 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
                 }
             }
         }
+    }
+}
+
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
+    #[inline(always)]
+    fn append_to_leaf(
+        &self,
+        measurement: &Measurement<R, ROWS, BLOCKS>,
+        leaf: usize,
+        system: &System,
+        values: &Values,
+        local: &mut Local,
+    ) {
+        let mut jacobian = Jacobian::zeros();
+        let Some(residual) = self.whitened(measurement, system, values, Some(&mut jacobian)) else {
+            return;
+        };
+        let root = self.loss.weight(residual.norm_squared()).sqrt();
+        if root == 0.0 {
+            return;
+        }
+        let factor = measurement.sigma.map(|s| root / (s * self.sigma_factor));
+        let row = local.residuals.len();
+        let (first_part, mut width) = (local.parts.len(), 0);
+        local.residuals.extend(residual.iter().map(|r| root * r));
+        for (block, manifold) in measurement.blocks.iter().zip(R::MANIFOLDS) {
+            if let Some(position) = system.position[block.0] {
+                local.parts.push(Part { position, dim: manifold.tangent(), column: width });
+                width += manifold.tangent();
+            }
+        }
+        let other = local.other.len();
+        for k in 0..ROWS {
+            for (b, manifold) in R::MANIFOLDS.iter().enumerate() {
+                let block = measurement.blocks[b].0;
+                let out = if block == leaf {
+                    &mut local.leaf
+                } else if system.position[block].is_some() {
+                    &mut local.other
+                } else {
+                    continue;
+                };
+                let mask = system.blocks[block].free;
+                for c in 0..manifold.tangent() {
+                    out.push(if mask[c] { jacobian.0[b][(k, c)] * factor[k] } else { 0.0 });
+                }
+            }
+        }
+        let parts = (first_part, local.parts.len());
+        local.entries.push(Entry { row, rows: ROWS, parts, other, width });
     }
 }
 
@@ -210,5 +271,20 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
                     self.linearise_one(measurement, system, values, residual, jacobian);
                 }
             });
+    }
+
+    fn linearise_leaf(
+        &self,
+        items: &[(u32, u32)],
+        leaf: usize,
+        system: &System,
+        values: &Values,
+        local: &mut Local,
+    ) {
+        Arch::new().dispatch(|| {
+            for (_, item) in items {
+                self.append_to_leaf(&self.measurements[*item as usize], leaf, system, values, local);
+            }
+        });
     }
 }

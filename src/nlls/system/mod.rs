@@ -5,19 +5,22 @@
 
 mod assembly;
 mod group;
+mod leaves;
 mod orbit;
 #[cfg(test)]
 mod tests;
 
 pub use group::{IMPOSSIBLE_SIGMAS, Measurement};
 
-use super::linear::matrix::BlockMatrix;
+use super::linear::matrix::{BlockMatrix, Pattern};
 use super::loss::Loss;
 use super::manifold::{MAX_TANGENT, Manifold};
 use super::residual::Residual;
 use assembly::Gather;
 use group::{AnyGroup, Group, Linear};
+use leaves::{Leaves, Reduced, Sums, clamped};
 use orbit::Orbit;
+use std::sync::Arc;
 
 /// A block of unknowns of a system.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,8 +41,13 @@ struct Block {
 }
 
 impl Block {
+    /// Which of its perturbations are adjusted.
+    fn free(&self) -> &[bool] {
+        &self.free[..self.manifold.tangent()]
+    }
+
     fn is_free(&self) -> bool {
-        self.free[..self.manifold.tangent()].contains(&true)
+        self.free().contains(&true)
     }
 }
 
@@ -50,6 +58,7 @@ pub struct SystemBuilder {
     start: Vec<f64>,
     groups: Vec<Box<dyn AnyGroup>>,
     orbits: Vec<Orbit>,
+    leaves: Vec<BlockId>,
 }
 
 impl SystemBuilder {
@@ -93,6 +102,16 @@ impl SystemBuilder {
         self.orbits.push(Orbit { points, poses });
     }
 
+    /// Declares blocks that share no measurement with each other: each is eliminated by itself, before
+    /// all others, and the normal matrix is that of the others alone.
+    pub fn eliminate(&mut self, leaves: Vec<BlockId>) {
+        for leaf in &leaves {
+            let tangent = self.blocks[leaf.0].manifold.tangent();
+            assert!(Leaves::can_take(tangent), "blocks of {tangent} numbers are not eliminated first");
+        }
+        self.leaves.extend(leaves);
+    }
+
     /// Finds the pattern of the normal matrix and its elimination order. Blocks that no measurement
     /// sees are held.
     pub fn build(mut self) -> System {
@@ -107,29 +126,30 @@ impl SystemBuilder {
                 block.free = [false; MAX_TANGENT];
             }
         }
-        let free: Vec<usize> = (0..self.blocks.len()).filter(|&b| self.blocks[b].is_free()).collect();
+        let mut is_leaf = vec![false; self.blocks.len()];
+        self.leaves.iter().for_each(|leaf| is_leaf[leaf.0] = self.blocks[leaf.0].is_free());
+        let leaf_blocks: Vec<usize> = (0..self.blocks.len()).filter(|&b| is_leaf[b]).collect();
+        let is_other = |block: usize| self.blocks[block].is_free() && !is_leaf[block];
+        let others: Vec<usize> = (0..self.blocks.len()).filter(|&b| is_other(b)).collect();
         let mut unknown = vec![None; self.blocks.len()];
-        free.iter().enumerate().for_each(|(u, &block)| unknown[block] = Some(u));
-        let dims: Vec<usize> = free.iter().map(|&b| self.blocks[b].manifold.tangent()).collect();
-        let mut pairs = Vec::new();
-        for group in &self.groups {
-            for item in 0..group.len() {
-                let blocks = group.blocks(item);
-                for (i, a) in blocks.iter().enumerate() {
-                    for b in &blocks[..i] {
-                        if let (Some(a), Some(b)) = (unknown[a.0], unknown[b.0]) {
-                            pairs.push((a, b));
-                        }
-                    }
-                }
+        others.iter().enumerate().for_each(|(u, &block)| unknown[block] = Some(u));
+        let dims: Vec<usize> = others.iter().map(|&b| self.blocks[b].manifold.tangent()).collect();
+        let pattern = Arc::new(Pattern::new(&dims, pairs(&self.groups, &is_leaf, &leaf_blocks, &unknown)));
+        let position: Vec<Option<usize>> = unknown.iter().map(|u| u.map(|u| pattern.position(u))).collect();
+        let has_leaf = |blocks: &[BlockId]| blocks.iter().any(|b| is_leaf[b.0]);
+        let gather = Gather::new(&pattern, &self.groups, &position, &has_leaf);
+        let leaves = (!leaf_blocks.is_empty())
+            .then(|| Leaves::new(&leaf_blocks, &self.blocks, &self.groups, &position, &pattern));
+        let mut step_start: Vec<Option<usize>> =
+            position.iter().map(|p| p.map(|p| pattern.range(p).start)).collect();
+        if let Some(leaves) = &leaves {
+            for (block, start) in leaf_blocks.iter().zip(leaves.steps()) {
+                step_start[*block] = Some(pattern.size() + start);
             }
         }
-        let matrix = BlockMatrix::new(&dims, pairs);
-        let position: Vec<Option<usize>> = unknown.iter().map(|u| u.map(|u| matrix.position(u))).collect();
-        let gather = Gather::new(&matrix, &self.groups, &position);
         let all_free = |b: &BlockId| {
             let block = &self.blocks[b.0];
-            block.free[..block.manifold.tangent()].iter().all(|free| *free)
+            block.free().iter().all(|free| *free)
         };
         let mut orbits = self.orbits;
         orbits.retain(|orbit| orbit.points.iter().chain(&orbit.poses).all(all_free));
@@ -139,10 +159,55 @@ impl SystemBuilder {
             start: Values(self.start),
             groups: self.groups,
             position,
-            matrix,
+            step_start,
+            pattern,
             gather,
+            leaves,
         }
     }
+}
+
+/// Pairs of unknowns that share a measurement, or a leaf that is eliminated before them.
+fn pairs(
+    groups: &[Box<dyn AnyGroup>],
+    is_leaf: &[bool],
+    leaf_blocks: &[usize],
+    unknown: &[Option<usize>],
+) -> Vec<(usize, usize)> {
+    let mut leaf_of = vec![usize::MAX; unknown.len()];
+    leaf_blocks.iter().enumerate().for_each(|(at, &block)| leaf_of[block] = at);
+    let mut around: Vec<Vec<u32>> = vec![Vec::new(); leaf_blocks.len()];
+    let mut pairs = Vec::new();
+    for group in groups {
+        for item in 0..group.len() {
+            let blocks = group.blocks(item);
+            let mut leaves = blocks.iter().filter(|b| is_leaf[b.0]);
+            let leaf = leaves.next();
+            assert!(leaves.next().is_none(), "blocks that are eliminated first share a measurement");
+            let seen = blocks.iter().filter_map(|b| unknown[b.0]);
+            match leaf {
+                Some(leaf) => around[leaf_of[leaf.0]].extend(seen.map(|u| u as u32)),
+                None => {
+                    for (i, a) in seen.clone().enumerate() {
+                        pairs.extend(seen.clone().take(i).map(|b| (a, b)));
+                    }
+                }
+            }
+        }
+    }
+    // Leaves that see the same are many.
+    around.iter_mut().for_each(|seen| {
+        seen.sort_unstable();
+        seen.dedup();
+    });
+    around.sort_unstable();
+    around.dedup();
+    for seen in &around {
+        for (i, &a) in seen.iter().enumerate() {
+            pairs.extend(seen[..i].iter().map(|&b| (a as usize, b as usize)));
+        }
+    }
+    pairs
 }
 
 /// A least-squares problem whose structure is fixed. Losses and the sigma factors of groups may
@@ -151,21 +216,53 @@ pub struct System {
     blocks: Vec<Block>,
     start: Values,
     groups: Vec<Box<dyn AnyGroup>>,
-    /// Position of each block in the elimination order; `None` where it is held.
+    /// Position of each block in the elimination order; `None` where it is held or a leaf.
     position: Vec<Option<usize>>,
-    /// The pattern of the normal matrix (its values are not used).
-    matrix: BlockMatrix,
+    /// Where the step of each block begins; `None` where it is held.
+    step_start: Vec<Option<usize>>,
+    /// The pattern of the normal matrix, leaves eliminated.
+    pattern: Arc<Pattern>,
     gather: Gather,
+    leaves: Option<Leaves>,
     orbits: Vec<Orbit>,
 }
 
 /// The system at one state, linearised: what the minimiser needs for a step.
 pub struct Normal {
-    /// `J^T W J` of the whitened, weighted measurements. Held perturbations have 1 on the diagonal.
+    /// `J^T W J` of the whitened, weighted measurements, leaves eliminated. Held perturbations have 1
+    /// on the diagonal.
     pub matrix: BlockMatrix,
-    /// Gradient of the cost, in elimination order.
+    /// Gradient of the cost, leaves eliminated, in elimination order.
     pub gradient: Vec<f64>,
-    linear: Vec<Linear>,
+    /// The diagonal and the gradient before the elimination of leaves.
+    diagonal: Vec<f64>,
+    raw_gradient: Vec<f64>,
+    /// Largest entry of the gradient of a leaf.
+    leaf_gradient: f64,
+    linear: Vec<Option<Linear>>,
+    sums: Vec<Sums>,
+}
+
+/// A damped step and what the quadratic model says of it.
+pub struct Step {
+    /// The perturbation of every free block.
+    pub delta: Vec<f64>,
+    /// `g^T delta`
+    pub slope: f64,
+    /// `delta^T D delta`, where `D` is the diagonal of the normal matrix.
+    pub squared: f64,
+}
+
+impl Normal {
+    /// Largest entry of the gradient.
+    pub fn largest_gradient(&self) -> f64 {
+        self.raw_gradient.iter().fold(self.leaf_gradient, |a, g| a.max(g.abs()))
+    }
+
+    /// What the damping of the others is multiplied by.
+    pub fn scale(&self) -> Vec<f64> {
+        self.diagonal.iter().map(|d| clamped(*d)).collect()
+    }
 }
 
 /// The cost of a state and how it comes about.
@@ -197,7 +294,7 @@ impl System {
 
     /// How many numbers are adjusted.
     pub fn parameters(&self) -> usize {
-        let count = |b: &Block| b.free[..b.manifold.tangent()].iter().filter(|f| **f).count();
+        let count = |b: &Block| b.free().iter().filter(|f| **f).count();
         self.blocks.iter().map(count).sum()
     }
 
@@ -207,8 +304,14 @@ impl System {
     }
 
     /// The pattern of the normal matrix and its elimination order.
-    pub fn pattern(&self) -> &BlockMatrix {
-        &self.matrix
+    pub fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    /// Whether blocks are eliminated before the normal matrix is formed, which then depends on the
+    /// damping.
+    pub fn has_leaves(&self) -> bool {
+        self.leaves.is_some()
     }
 
     /// Changes the loss of a group.
@@ -240,13 +343,13 @@ impl System {
         self.groups[group.0].squared_norms(self, values)
     }
 
-    /// `values` moved by a step in elimination order.
+    /// `values` moved by a step.
     pub fn plus(&self, values: &Values, step: &[f64]) -> Values {
         let mut moved = values.clone();
-        for (block, position) in self.blocks.iter().zip(&self.position) {
-            let Some(position) = *position else { continue };
+        for (block, start) in self.blocks.iter().zip(&self.step_start) {
+            let Some(start) = *start else { continue };
             let at = block.start..block.start + block.manifold.ambient();
-            let delta = &step[self.matrix.range(position)];
+            let delta = &step[start..start + block.manifold.tangent()];
             block.manifold.plus(&values.0[at.clone()], delta, &mut moved.0[at]);
         }
         for orbit in &self.orbits {
@@ -257,42 +360,90 @@ impl System {
 
     /// The part of a step that moves a free block.
     fn step_of<'a>(&self, block: BlockId, step: &'a [f64]) -> &'a [f64] {
-        &step[self.matrix.range(self.position[block.0].expect("a free block"))]
+        let start = self.step_start[block.0].expect("a free block");
+        &step[start..start + self.blocks[block.0].manifold.tangent()]
     }
 
-    /// Linearises all measurements at `values` into `normal`.
-    pub fn linearise(&self, values: &Values, normal: &mut Normal) {
+    /// Linearises all measurements at `values` into `normal`. Leaves are eliminated with `damping`;
+    /// `None` where one of them is not determined.
+    pub fn linearise(&self, values: &Values, damping: f64, normal: &mut Normal) -> Option<()> {
         for (group, linear) in self.groups.iter().zip(&mut normal.linear) {
-            group.linearise(self, values, linear);
+            if let Some(linear) = linear {
+                group.linearise(self, values, linear);
+            }
         }
         self.gather.assemble(&normal.linear, &mut normal.matrix, &mut normal.gradient);
+        normal.diagonal.copy_from_slice(&normal.matrix.diagonal());
+        normal.raw_gradient.copy_from_slice(&normal.gradient);
+        if let Some(leaves) = &self.leaves {
+            let Normal { matrix, gradient, diagonal, raw_gradient, sums, .. } = normal;
+            let reduced = Reduced { values: matrix.values_mut(), gradient, raw_gradient, diagonal };
+            normal.leaf_gradient = leaves.eliminate(self, values, damping, sums, reduced)?;
+        }
         for (block, position) in self.blocks.iter().zip(&self.position) {
             let Some(position) = *position else { continue };
-            let range = self.matrix.range(position);
-            for (component, free) in block.free[..block.manifold.tangent()].iter().enumerate() {
+            let range = self.pattern.range(position);
+            for (component, free) in block.free().iter().enumerate() {
                 if !free {
                     normal.matrix.set_diagonal(range.start + component, 1.0);
+                    normal.diagonal[range.start + component] = 1.0;
                 }
             }
         }
+        Some(())
+    }
+
+    /// The whole step, given that of the blocks that are no leaves.
+    pub fn back_substitute(
+        &self,
+        values: &Values,
+        damping: f64,
+        normal: &mut Normal,
+        others: Vec<f64>,
+    ) -> Step {
+        let n = others.len();
+        let mut step = Step { delta: others, slope: 0.0, squared: 0.0 };
+        for ((d, g), scale) in step.delta.iter().zip(&normal.raw_gradient).zip(&normal.diagonal) {
+            step.slope += d * g;
+            step.squared += clamped(*scale) * d * d;
+        }
+        if let Some(leaves) = &self.leaves {
+            let count = leaves.steps()[leaves.steps().len() - 1];
+            step.delta.resize(n + count, 0.0);
+            let (others, steps) = step.delta.split_at_mut(n);
+            let part = leaves.back_substitute(self, values, damping, &mut normal.sums, others, steps);
+            step.slope += part.slope;
+            step.squared += part.squared;
+        }
+        step
     }
 
     /// Room for a linearisation.
     pub fn normal(&self) -> Normal {
+        let n = self.pattern.size();
+        let linear = self
+            .groups
+            .iter()
+            .enumerate()
+            .map(|(at, group)| self.gather.takes_part(at).then(|| group.linear()));
         Normal {
-            matrix: self.matrix.clone(),
-            gradient: vec![0.0; self.matrix.size()],
-            linear: self.groups.iter().map(|group| group.linear()).collect(),
+            matrix: BlockMatrix::zeros(self.pattern.clone()),
+            gradient: vec![0.0; n],
+            diagonal: vec![0.0; n],
+            raw_gradient: vec![0.0; n],
+            leaf_gradient: 0.0,
+            linear: linear.collect(),
+            sums: self.leaves.as_ref().map_or(Vec::new(), |leaves| leaves.sums(&self.pattern)),
         }
     }
 
     /// `J^T z` for the whitened, weighted rows of a group, where `z` has one number a row.
     pub fn transposed_product(&self, group: GroupId, normal: &Normal, z: &[f64]) -> Vec<f64> {
-        self.gather.transposed_product(group.0, &normal.linear[group.0], z, self)
+        let linear = normal.linear[group.0].as_ref().expect("a group that sees no leaf");
+        self.gather.transposed_product(group.0, linear, z, self)
     }
 
     fn free(&self, block: BlockId) -> &[bool] {
-        let block = &self.blocks[block.0];
-        &block.free[..block.manifold.tangent()]
+        self.blocks[block.0].free()
     }
 }

@@ -74,11 +74,12 @@ impl Residual<1, 2> for Level {
 /// Six poses in a chain, ten points, one scalar; one pose and one point are held in part, one point
 /// whole; some measurements are gross.
 fn example(loss: Loss) -> System {
-    example_with(loss, false)
+    example_with(loss, false, &[])
 }
 
-/// The same, with a point at an impossible place.
-fn example_with(loss: Loss, impossible: bool) -> System {
+/// The same, with a point at an impossible place, and with leaves. Blocks 0 to 5 are poses, 6 to 15
+/// points, 16 the scalar.
+fn example_with(loss: Loss, impossible: bool, leaves: &[usize]) -> System {
     let mut builder = SystemBuilder::default();
     let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
     let poses: Vec<BlockId> = (0..6)
@@ -121,6 +122,7 @@ fn example_with(loss: Loss, impossible: bool) -> System {
     let level =
         (0..10).map(|k| Measurement { residual: Level(k % 3), blocks: [points[k], scalar], sigma: [1.5] });
     builder.add_group("level", Loss::Squared, level.collect());
+    builder.eliminate(leaves.iter().map(|&leaf| BlockId(leaf)).collect());
     builder.build()
 }
 
@@ -138,7 +140,7 @@ fn dense(matrix: &BlockMatrix) -> DMatrix<f64> {
 
 fn linearised(system: &System) -> Normal {
     let mut normal = system.normal();
-    system.linearise(system.start(), &mut normal);
+    system.linearise(system.start(), 0.0, &mut normal).unwrap();
     normal
 }
 
@@ -174,11 +176,11 @@ fn normal_equations_and_step_are_those_of_a_dense_solver() {
         let system = example(loss);
         let normal = linearised(&system);
         let n = normal.matrix.size();
-        let rows: usize = normal.linear.iter().map(|linear| linear.residuals.len()).sum();
+        let rows: usize = normal.linear.iter().flatten().map(|linear| linear.residuals.len()).sum();
         let mut jacobian = DMatrix::zeros(rows, n);
         let mut residual = DVector::zeros(rows);
         let mut row = 0;
-        for (index, linear) in normal.linear.iter().enumerate() {
+        for (index, linear) in normal.linear.iter().flatten().enumerate() {
             for item in 0..linear.residuals.len() {
                 let mut unit = vec![0.0; linear.residuals.len()];
                 unit[item] = 1.0;
@@ -212,6 +214,131 @@ fn normal_equations_and_step_are_those_of_a_dense_solver() {
     }
 }
 
+/// The damped step of every block, and what the model says of it.
+fn step_of(system: &System, damping: f64) -> (Vec<Vec<f64>>, [f64; 3]) {
+    let mut normal = system.normal();
+    let values = system.start();
+    system.linearise(values, damping, &mut normal).unwrap();
+    let extra: Vec<f64> = normal.scale().iter().map(|d| d * damping).collect();
+    normal.matrix.add_to_diagonal(&extra);
+    let mut cholesky = Cholesky::analyse(system.pattern()).unwrap();
+    cholesky.factorise(&normal.matrix).unwrap();
+    let mut others: Vec<f64> = normal.gradient.iter().map(|g| -g).collect();
+    cholesky.solve(&mut others);
+    let largest = normal.largest_gradient();
+    let step = system.back_substitute(values, damping, &mut normal, others);
+    let of = |block: usize| match system.step_start[block] {
+        Some(_) => system.step_of(BlockId(block), &step.delta).to_vec(),
+        None => Vec::new(),
+    };
+    ((0..system.blocks.len()).map(of).collect(), [step.slope, step.squared, largest])
+}
+
+#[track_caller]
+fn assert_same_step(whole: &System, with_leaves: &System) {
+    assert!(with_leaves.has_leaves() && with_leaves.pattern().size() < whole.pattern().size());
+    for damping in [0.0, 1e-4, 10.0] {
+        let (wanted, model) = step_of(whole, damping);
+        let (found, found_model) = step_of(with_leaves, damping);
+        let (wanted, found) = (DVector::from_vec(wanted.concat()), DVector::from_vec(found.concat()));
+        let gap = (&found - &wanted).norm() / wanted.norm();
+        assert!(gap < 1e-10, "damping {damping}: {gap:e}");
+        for (found, wanted) in found_model.iter().zip(model) {
+            assert!((found - wanted).abs() < 1e-10 * wanted.abs(), "{found} {wanted}");
+        }
+    }
+}
+
+#[test]
+fn leaves_change_no_step() {
+    let points: Vec<usize> = (6..16).collect();
+    for leaves in [points.as_slice(), &points[2..7], &[0, 2, 4], &[1, 3, 5], &[0, 2, 16], &[16]] {
+        for loss in [Loss::Squared, Loss::Huber { scale: 1.0 }, Loss::Tukey { scale: 8.0 }] {
+            assert_same_step(&example(loss), &example_with(loss, false, leaves));
+        }
+    }
+}
+
+/// A pinhole with `N` numbers of a lens that scale the image, as a bundle adjustment sees it.
+struct Image<const N: usize>([f64; 2]);
+
+impl<const N: usize> Residual<2, 2> for Image<N> {
+    const MANIFOLDS: [Manifold; 2] = [Manifold::PoseAndVector(N), Manifold::POINT];
+    fn evaluate(&self, x: &[&[f64]; 2], jacobian: Option<&mut Jacobian<2, 2>>) -> Option<SVector<f64, 2>> {
+        let at = |camera: &[f64], point: &[f64]| {
+            let point = crate::nlls::manifold::read_point(point);
+            let local = read_pose(&camera[..7]).inverse_transform_point(&point);
+            let ray = SVector::<f64, 2>::new(local.x / local.z, local.y / local.z);
+            let lens = |(power, k): (usize, &f64)| k * (10.0 * ray.norm_squared()).powi(power as i32);
+            ray * (1.0 + camera[7..].iter().enumerate().map(lens).sum::<f64>())
+        };
+        if let Some(jacobian) = jacobian {
+            for (block, manifold) in Self::MANIFOLDS.iter().enumerate() {
+                for column in 0..manifold.tangent() {
+                    let moved = |step: f64| {
+                        let mut delta = [0.0; MAX_TANGENT];
+                        delta[column] = step;
+                        let mut moved = vec![0.0; manifold.ambient()];
+                        manifold.plus(x[block], &delta[..manifold.tangent()], &mut moved);
+                        if block == 0 { at(&moved, x[1]) } else { at(x[0], &moved) }
+                    };
+                    jacobian.set(block, column, &((moved(1e-5) - moved(-1e-5)) / 2e-5));
+                }
+            }
+        }
+        Some(at(x[0], x[1]) - SVector::from(self.0))
+    }
+}
+
+/// Four cameras above twenty points, one camera held; a point may be seen twice in an image.
+fn images<const N: usize>(leaves: bool) -> System {
+    let mut builder = SystemBuilder::default();
+    let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
+    let cameras: Vec<BlockId> = (0..4)
+        .map(|i| {
+            let place = wave(f64::from(i)) + Vector3::new(0.0, 0.0, -9.0);
+            let pose =
+                crate::geometry::Pose::from_parts(place.into(), exp(&(wave(5.0 + f64::from(i)) * 0.1)));
+            let value = [write_pose(&pose).as_slice(), &[0.1; 3][..N]].concat();
+            // One camera is held, and of another one coordinate, which is the scale.
+            let mut free = vec![i != 2; 6 + N];
+            free[0] &= i != 3;
+            builder.add_block(Manifold::PoseAndVector(N), &value, &free)
+        })
+        .collect();
+    let points: Vec<BlockId> = (0..20)
+        .map(|i| builder.add_block(Manifold::POINT, wave(30.0 + f64::from(i)).as_slice(), &[true; 3]))
+        .collect();
+    let seen = (0..110_usize).map(|k| {
+        let pixel = wave(k as f64) * 0.1;
+        // Of each point two images in the same camera.
+        let camera = cameras[if k >= 100 { 0 } else { (k / 20 + k) % 4 }];
+        Measurement {
+            residual: Image::<N>([pixel.x, pixel.y]),
+            blocks: [camera, points[k % 20]],
+            sigma: [0.01, 0.02],
+        }
+    });
+    builder.add_group("images", Loss::Huber { scale: 5.0 }, seen.collect());
+    if leaves {
+        builder.eliminate(points);
+    }
+    builder.build()
+}
+
+#[test]
+fn the_common_sizes_of_bundle_adjustment_change_no_step() {
+    assert_same_step(&images::<0>(false), &images::<0>(true));
+    assert_same_step(&images::<3>(false), &images::<3>(true));
+    assert_same_step(&images::<1>(false), &images::<1>(true));
+}
+
+#[test]
+#[should_panic(expected = "share a measurement")]
+fn leaves_that_see_each_other_are_refused() {
+    example_with(Loss::Squared, false, &[0, 1]);
+}
+
 #[test]
 fn held_components_do_not_move() {
     let system = example(Loss::Squared);
@@ -235,7 +362,7 @@ fn held_components_do_not_move() {
 
 #[test]
 fn an_impossible_measurement_costs_and_pulls_nowhere() {
-    let system = example_with(Loss::Squared, true);
+    let system = example_with(Loss::Squared, true, &[]);
     let cost = system.cost(system.start());
     // Point 7 is seen by k = 17, 27, 37, 47, 57 (k = 7 is left out).
     assert_eq!(cost.impossible, 5);

@@ -1,0 +1,741 @@
+//! Blocks that are eliminated one by one: points that only poses see, frames that only a shape sees.
+//!
+//! A leaf shares no measurement with another leaf, so that the normal matrix is
+//!
+//! ```text
+//!        leaves        others
+//!   [ V1            |  W1  ]          S = H - sum W_e^T V_e^-1 W_e
+//!   [    V2         |  W2  ]          others:  S x = -(g - sum W_e^T V_e^-1 g_e)
+//!   [       ...     |  ... ]          a leaf:  x_e = -V_e^-1 (g_e + W_e x)
+//!   [ W1' W2' ...   |  H   ]
+//! ```
+//!
+//! Neither V nor W nor a Jacobian is stored. In one pass over a leaf its measurements are linearised
+//! and eliminated: with their Jacobians `E_i` by the leaf and `J_i` by others, and `V = L L^T`,
+//!
+//! ```text
+//! E~_i = E_i L^-T        S_ij += J_i^T (d_ij - E~_i E~_j^T) J_j
+//! ```
+//!
+//! which for an image point has rank 2 where `W_e^T V_e^-1 W_e` has the rank of the leaf. A second
+//! pass linearises again and finds the steps of the leaves.
+//!
+//! Leaves are cut into chunks whose number depends on the problem alone; each has sums of its own,
+//! which are added in order: the same bytes for any number of threads.
+
+use super::group::AnyGroup;
+use super::{Block, System, Values};
+use crate::nlls::linear::matrix::{Pattern, Place};
+use pulp::Arch;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Sums of all chunks together may take this much room \[bytes\], but two are always kept.
+const ROOM: usize = 32 << 20;
+/// The most chunks.
+const MOST_CHUNKS: usize = 16;
+/// Up to so many blocks, the place of a pair is looked up in a table.
+const MOST_IN_TABLE: usize = 2048;
+
+/// The leaves of a system and the measurements of each.
+pub(super) struct Leaves {
+    /// Block of each leaf.
+    blocks: Vec<usize>,
+    /// First scalar of each leaf's step, counted from the first leaf, and their number at the end.
+    steps: Vec<usize>,
+    /// First measurement of each leaf, and their number at the end.
+    starts: Vec<usize>,
+    /// Group and item, by leaf, group and position of the first other block.
+    items: Vec<(u32, u32)>,
+    chunks: Vec<Range<usize>>,
+    places: Places,
+}
+
+/// Where the values of a pair of blocks stand.
+struct Places {
+    columns: Vec<Vec<Place>>,
+    /// Index in its column of the block at row and column; empty where there are too many.
+    table: Vec<u32>,
+    /// First scalar of each position.
+    starts: Vec<usize>,
+}
+
+impl Places {
+    fn new(pattern: &Pattern) -> Self {
+        let n = pattern.rows().len();
+        let mut table = Vec::new();
+        if n <= MOST_IN_TABLE {
+            table.resize(n * n, u32::MAX);
+            for (column, rows) in pattern.rows().iter().enumerate() {
+                rows.iter().enumerate().for_each(|(at, row)| table[row * n + column] = at as u32);
+            }
+        }
+        let columns = (0..n).map(|column| pattern.places(column).collect()).collect();
+        Places { columns, table, starts: (0..n).map(|p| pattern.range(p).start).collect() }
+    }
+
+    #[inline(always)]
+    fn get(&self, pattern: &Pattern, row: usize, column: usize) -> Place {
+        let at = if self.table.is_empty() {
+            pattern.rows()[column].binary_search(&row).expect("in the pattern")
+        } else {
+            self.table[row * self.columns.len() + column] as usize
+        };
+        self.columns[column][at]
+    }
+}
+
+/// What one chunk adds to the reduced system.
+#[derive(Clone, Default)]
+pub(super) struct Sums {
+    values: Vec<f64>,
+    /// Gradient of the reduced system.
+    gradient: Vec<f64>,
+    /// Gradient before the elimination.
+    raw_gradient: Vec<f64>,
+    /// Diagonal before the elimination.
+    diagonal: Vec<f64>,
+    /// Largest entry of the gradient of a leaf.
+    leaf_gradient: f64,
+    singular: bool,
+    local: Local,
+}
+
+/// The measurements of one leaf, linearised, whitened and weighted. Jacobians are row by row.
+#[derive(Clone, Default)]
+pub(super) struct Local {
+    pub entries: Vec<Entry>,
+    pub parts: Vec<Part>,
+    pub residuals: Vec<f64>,
+    /// By the leaf, each row as long as the leaf's tangent.
+    pub leaf: Vec<f64>,
+    /// By the other blocks.
+    pub other: Vec<f64>,
+    /// Rows of `leaf` times `L^-T`.
+    reduced: Vec<f64>,
+}
+
+/// One measurement.
+#[derive(Clone, Copy)]
+pub(super) struct Entry {
+    /// Its first row and their number.
+    pub row: usize,
+    pub rows: usize,
+    /// Its other blocks.
+    pub parts: (usize, usize),
+    /// Where its Jacobian by others begins, and the length of a row of it.
+    pub other: usize,
+    pub width: usize,
+}
+
+/// Another block of a measurement.
+#[derive(Clone, Copy)]
+pub(super) struct Part {
+    pub position: usize,
+    pub dim: usize,
+    /// First column within a row of the Jacobian.
+    pub column: usize,
+}
+
+impl Local {
+    fn clear(&mut self) {
+        self.entries.clear();
+        self.parts.clear();
+        self.residuals.clear();
+        self.leaf.clear();
+        self.other.clear();
+    }
+
+    fn other_row(&self, entry: &Entry, row: usize) -> &[f64] {
+        &self.other[entry.other + row * entry.width..][..entry.width]
+    }
+}
+
+/// What the steps of leaves add to the prediction of a step.
+#[derive(Clone, Copy, Default)]
+pub(super) struct LeafSteps {
+    pub slope: f64,
+    pub squared: f64,
+}
+
+impl Leaves {
+    pub fn new(
+        leaf_blocks: &[usize],
+        blocks: &[Block],
+        groups: &[Box<dyn AnyGroup>],
+        position: &[Option<usize>],
+        pattern: &Pattern,
+    ) -> Self {
+        let mut leaf_of = vec![u32::MAX; blocks.len()];
+        leaf_blocks.iter().enumerate().for_each(|(at, &block)| leaf_of[block] = at as u32);
+        let leaf_of_item = |group: &dyn AnyGroup, item: usize| {
+            group.blocks(item).iter().map(|b| leaf_of[b.0]).find(|leaf| *leaf != u32::MAX)
+        };
+        let mut starts = vec![0; leaf_blocks.len() + 1];
+        for group in groups {
+            for item in 0..group.len() {
+                if let Some(leaf) = leaf_of_item(&**group, item) {
+                    starts[leaf as usize + 1] += 1;
+                }
+            }
+        }
+        for at in 1..starts.len() {
+            starts[at] += starts[at - 1];
+        }
+        let mut next = starts.clone();
+        let mut items = vec![(0, 0); starts[leaf_blocks.len()]];
+        for (group_index, group) in groups.iter().enumerate() {
+            for item in 0..group.len() {
+                if let Some(leaf) = leaf_of_item(&**group, item) {
+                    items[next[leaf as usize]] = (group_index as u32, item as u32);
+                    next[leaf as usize] += 1;
+                }
+            }
+        }
+        let first_position = |&(group, item): &(u32, u32)| {
+            let seen = groups[group as usize].blocks(item as usize);
+            (group, seen.iter().find_map(|b| position[b.0]), item)
+        };
+        for leaf in 0..leaf_blocks.len() {
+            items[starts[leaf]..starts[leaf + 1]].sort_by_key(first_position);
+        }
+        let mut steps = vec![0];
+        for &block in leaf_blocks {
+            steps.push(steps[steps.len() - 1] + blocks[block].manifold.tangent());
+        }
+        let bytes = 8 * pattern.values().max(1);
+        let count = (ROOM / bytes).clamp(2, MOST_CHUNKS);
+        let chunks = cut(&starts, count);
+        Leaves { blocks: leaf_blocks.to_vec(), steps, starts, items, chunks, places: Places::new(pattern) }
+    }
+
+    /// First scalar of each leaf's step.
+    pub fn steps(&self) -> &[usize] {
+        &self.steps
+    }
+
+    /// Room for the sums of all chunks.
+    pub fn sums(&self, pattern: &Pattern) -> Vec<Sums> {
+        let (values, n) = (vec![0.0; pattern.values()], vec![0.0; pattern.size()]);
+        let sums =
+            Sums { values, gradient: n.clone(), raw_gradient: n.clone(), diagonal: n, ..Default::default() };
+        vec![sums; self.chunks.len()]
+    }
+
+    /// Linearises and eliminates all leaves with this damping, and adds the sums of all chunks to
+    /// the reduced system. Returns the largest entry of the gradients of leaves; `None` where one
+    /// is not determined.
+    pub fn eliminate(
+        &self,
+        system: &System,
+        values: &Values,
+        damping: f64,
+        sums: &mut [Sums],
+        reduced: Reduced<'_>,
+    ) -> Option<f64> {
+        self.chunks.par_iter().zip(sums.par_iter_mut()).for_each(|(chunk, sums)| {
+            Arch::new().dispatch(|| self.eliminate_chunk(system, values, damping, chunk.clone(), sums));
+        });
+        let sums = &*sums;
+        let add = |out: &mut [f64], of: fn(&Sums) -> &[f64]| {
+            const PIECE: usize = 1 << 14;
+            out.par_chunks_mut(PIECE).enumerate().for_each(|(piece, out)| {
+                for sums in sums {
+                    let part = &of(sums)[piece * PIECE..][..out.len()];
+                    out.iter_mut().zip(part).for_each(|(out, value)| *out += value);
+                }
+            });
+        };
+        add(reduced.values, |s| &s.values);
+        add(reduced.gradient, |s| &s.gradient);
+        add(reduced.raw_gradient, |s| &s.raw_gradient);
+        add(reduced.diagonal, |s| &s.diagonal);
+        let largest = sums.iter().map(|s| s.leaf_gradient).fold(0.0, f64::max);
+        (!sums.iter().any(|s| s.singular)).then_some(largest)
+    }
+
+    #[inline(always)]
+    fn eliminate_chunk(
+        &self,
+        system: &System,
+        values: &Values,
+        damping: f64,
+        chunk: Range<usize>,
+        sums: &mut Sums,
+    ) {
+        for out in [&mut sums.values, &mut sums.gradient, &mut sums.raw_gradient, &mut sums.diagonal] {
+            out.fill(0.0);
+        }
+        (sums.leaf_gradient, sums.singular) = (0.0, false);
+        let mut local = std::mem::take(&mut sums.local);
+        for leaf in chunk {
+            self.linearise(system, values, leaf, &mut local);
+            let free = system.blocks[self.blocks[leaf]].free();
+            let done = match free.len() {
+                3 => self.eliminate_leaf::<3>(system, free, damping, &mut local, sums),
+                6 => self.eliminate_leaf::<6>(system, free, damping, &mut local, sums),
+                1 => self.eliminate_leaf::<1>(system, free, damping, &mut local, sums),
+                2 => self.eliminate_leaf::<2>(system, free, damping, &mut local, sums),
+                9 => self.eliminate_leaf::<9>(system, free, damping, &mut local, sums),
+                other => unreachable!("leaves of {other} numbers are not declared"),
+            };
+            sums.singular |= done.is_none();
+        }
+        sums.local = local;
+    }
+
+    /// Sizes that a leaf may have.
+    pub fn can_take(tangent: usize) -> bool {
+        matches!(tangent, 1 | 2 | 3 | 6 | 9)
+    }
+
+    #[inline(always)]
+    fn linearise(&self, system: &System, values: &Values, leaf: usize, local: &mut Local) {
+        local.clear();
+        let mut items = &self.items[self.starts[leaf]..self.starts[leaf + 1]];
+        while let Some(&(group, _)) = items.first() {
+            let end = items.iter().position(|item| item.0 != group).unwrap_or(items.len());
+            system.groups[group as usize].linearise_leaf(
+                &items[..end],
+                self.blocks[leaf],
+                system,
+                values,
+                local,
+            );
+            items = &items[end..];
+        }
+    }
+
+    #[inline(always)]
+    fn eliminate_leaf<const DE: usize>(
+        &self,
+        system: &System,
+        free: &[bool],
+        damping: f64,
+        local: &mut Local,
+        sums: &mut Sums,
+    ) -> Option<()> {
+        let (factor, gradient, _) = factor_leaf::<DE>(local, free, damping)?;
+        sums.leaf_gradient = gradient.iter().fold(sums.leaf_gradient, |a, g| a.max(g.abs()));
+        let half = factor.forward(gradient);
+        let Local { leaf, reduced, .. } = local;
+        reduced.resize(leaf.len(), 0.0);
+        for (row, out) in leaf.as_chunks::<DE>().0.iter().zip(reduced.as_chunks_mut::<DE>().0) {
+            *out = factor.forward(*row);
+        }
+        let uniform = |rows: usize, width: usize| {
+            let mut last = 0;
+            local.entries.iter().all(|e| {
+                let position = local.parts[e.parts.0].position;
+                let in_order = position >= last;
+                last = position;
+                e.rows == rows && e.width == width && e.parts.1 - e.parts.0 == 1 && in_order
+            })
+        };
+        let pattern = &*system.pattern;
+        if local.entries.iter().any(|e| e.width == 0) {
+            self.add_any::<DE>(pattern, &half, local, sums);
+        } else if uniform(2, 9) {
+            self.add_uniform::<DE, 9>(pattern, &half, local, sums);
+        } else if uniform(2, 6) {
+            self.add_uniform::<DE, 6>(pattern, &half, local, sums);
+        } else {
+            self.add_any::<DE>(pattern, &half, local, sums);
+        }
+        Some(())
+    }
+
+    /// Image points with one other block each, in the order of its position.
+    #[inline(always)]
+    fn add_uniform<const DE: usize, const D: usize>(
+        &self,
+        pattern: &Pattern,
+        half: &[f64; DE],
+        local: &Local,
+        sums: &mut Sums,
+    ) {
+        let jacobians = local.other.as_chunks::<D>().0.as_chunks::<2>().0;
+        let reduced = local.reduced.as_chunks::<DE>().0.as_chunks::<2>().0;
+        let residuals = local.residuals.as_chunks::<2>().0;
+        for (i, j_i) in jacobians.iter().enumerate() {
+            let (e_i, r) = (&reduced[i], &residuals[i]);
+            let position = local.parts[i].position;
+            let start = self.places.starts[position];
+            let own = &mut sums.gradient[start..start + D];
+            let q = [r[0] - dot(&e_i[0], half), r[1] - dot(&e_i[1], half)];
+            for c in 0..D {
+                own[c] += j_i[0][c] * q[0] + j_i[1][c] * q[1];
+            }
+            let own = &mut sums.raw_gradient[start..start + D];
+            for c in 0..D {
+                own[c] += j_i[0][c] * r[0] + j_i[1][c] * r[1];
+            }
+            let own = &mut sums.diagonal[start..start + D];
+            for c in 0..D {
+                own[c] += j_i[0][c] * j_i[0][c] + j_i[1][c] * j_i[1][c];
+            }
+            let cross = -dot(&e_i[0], &e_i[1]);
+            let p = [[1.0 - dot(&e_i[0], &e_i[0]), cross], [cross, 1.0 - dot(&e_i[1], &e_i[1])]];
+            let place = self.places.get(pattern, position, position);
+            add_lower::<D>(&mut sums.values, place, j_i, &times(&p, j_i));
+            for j in 0..i {
+                let e_j = &reduced[j];
+                let p = [
+                    [-dot(&e_i[0], &e_j[0]), -dot(&e_i[0], &e_j[1])],
+                    [-dot(&e_i[1], &e_j[0]), -dot(&e_i[1], &e_j[1])],
+                ];
+                let other = local.parts[j].position;
+                let t = times(&p, &jacobians[j]);
+                if other == position {
+                    // Twice in one image: this and its transpose.
+                    add_lower::<D>(&mut sums.values, place, j_i, &t);
+                    add_lower::<D>(&mut sums.values, place, &t, j_i);
+                } else {
+                    let place = self.places.get(pattern, position, other);
+                    for c in 0..D {
+                        let at = place.column_start(c);
+                        let column = &mut sums.values[at..at + D];
+                        for row in 0..D {
+                            column[row] += j_i[0][row] * t[0][c] + j_i[1][row] * t[1][c];
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Any measurements, in any order.
+    #[inline(always)]
+    fn add_any<const DE: usize>(&self, pattern: &Pattern, half: &[f64; DE], local: &Local, sums: &mut Sums) {
+        let reduced = local.reduced.as_chunks::<DE>().0;
+        let parts = |e: &Entry| &local.parts[e.parts.0..e.parts.1];
+        for (i, a) in local.entries.iter().enumerate() {
+            for row in 0..a.rows {
+                let r = local.residuals[a.row + row];
+                let q = r - dot(&reduced[a.row + row], half);
+                let jacobian = local.other_row(a, row);
+                for part in parts(a) {
+                    let start = self.places.starts[part.position];
+                    for (c, j) in jacobian[part.column..][..part.dim].iter().enumerate() {
+                        sums.gradient[start + c] += j * q;
+                        sums.raw_gradient[start + c] += j * r;
+                        sums.diagonal[start + c] += j * j;
+                    }
+                }
+            }
+            for (j, b) in local.entries.iter().enumerate().take(i + 1) {
+                for k in 0..a.rows {
+                    for l in 0..b.rows {
+                        let same = if i == j && k == l { 1.0 } else { 0.0 };
+                        let p = same - dot(&reduced[a.row + k], &reduced[b.row + l]);
+                        let (j_a, j_b) = (local.other_row(a, k), local.other_row(b, l));
+                        for at_a in parts(a) {
+                            for at_b in parts(b) {
+                                let (j_a, j_b) =
+                                    (&j_a[at_a.column..][..at_a.dim], &j_b[at_b.column..][..at_b.dim]);
+                                let ends = (at_a.position, at_b.position);
+                                self.add_pair(pattern, &mut sums.values, ends, i == j, p, j_a, j_b);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds `p j_a j_b^T` and, for two different measurements, its transpose.
+    #[expect(clippy::too_many_arguments, reason = "a product of three, and where it goes")]
+    fn add_pair(
+        &self,
+        pattern: &Pattern,
+        values: &mut [f64],
+        (a, b): (usize, usize),
+        is_own: bool,
+        p: f64,
+        j_a: &[f64],
+        j_b: &[f64],
+    ) {
+        if a < b && is_own {
+            return;
+        }
+        let (row, column, j_row, j_column) = if a >= b { (a, b, j_a, j_b) } else { (b, a, j_b, j_a) };
+        let place = self.places.get(pattern, row, column);
+        for (c, right) in j_column.iter().enumerate() {
+            let at = place.column_start(c);
+            for (r, left) in j_row.iter().enumerate().skip(if row == column { c } else { 0 }) {
+                values[at + r] += left * p * right;
+                if row == column && !is_own {
+                    values[at + r] += j_row[c] * p * j_column[r];
+                }
+            }
+        }
+    }
+
+    /// The steps of all leaves, given the step of the others, behind which they are written.
+    pub fn back_substitute(
+        &self,
+        system: &System,
+        values: &Values,
+        damping: f64,
+        sums: &mut [Sums],
+        others: &[f64],
+        steps: &mut [f64],
+    ) -> LeafSteps {
+        let mut left = steps;
+        let mut pieces = Vec::with_capacity(self.chunks.len());
+        for chunk in &self.chunks {
+            let (piece, rest) = left.split_at_mut(self.steps[chunk.end] - self.steps[chunk.start]);
+            pieces.push(piece);
+            left = rest;
+        }
+        let parts: Vec<LeafSteps> = self
+            .chunks
+            .par_iter()
+            .zip(pieces)
+            .zip(sums.par_iter_mut())
+            .map(|((chunk, steps), sums)| {
+                Arch::new().dispatch(|| {
+                    self.steps_of_chunk(
+                        system,
+                        values,
+                        damping,
+                        chunk.clone(),
+                        &mut sums.local,
+                        others,
+                        steps,
+                    )
+                })
+            })
+            .collect();
+        parts.iter().fold(LeafSteps::default(), |a, b| LeafSteps {
+            slope: a.slope + b.slope,
+            squared: a.squared + b.squared,
+        })
+    }
+
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "the arguments of back_substitute for one chunk")]
+    fn steps_of_chunk(
+        &self,
+        system: &System,
+        values: &Values,
+        damping: f64,
+        chunk: Range<usize>,
+        local: &mut Local,
+        others: &[f64],
+        steps: &mut [f64],
+    ) -> LeafSteps {
+        let first = self.steps[chunk.start];
+        let mut sum = LeafSteps::default();
+        for leaf in chunk {
+            self.linearise(system, values, leaf, local);
+            let free = system.blocks[self.blocks[leaf]].free();
+            let step = &mut steps[self.steps[leaf] - first..self.steps[leaf + 1] - first];
+            let part = match free.len() {
+                3 => self.step_of_leaf::<3>(free, damping, local, others, step),
+                6 => self.step_of_leaf::<6>(free, damping, local, others, step),
+                1 => self.step_of_leaf::<1>(free, damping, local, others, step),
+                2 => self.step_of_leaf::<2>(free, damping, local, others, step),
+                9 => self.step_of_leaf::<9>(free, damping, local, others, step),
+                other => unreachable!("leaves of {other} numbers are not declared"),
+            };
+            sum.slope += part.slope;
+            sum.squared += part.squared;
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn step_of_leaf<const DE: usize>(
+        &self,
+        free: &[bool],
+        damping: f64,
+        local: &Local,
+        others: &[f64],
+        step: &mut [f64],
+    ) -> LeafSteps {
+        let Some((factor, gradient, scale)) = factor_leaf::<DE>(local, free, damping) else {
+            step.fill(f64::NAN);
+            return LeafSteps::default();
+        };
+        let mut right = gradient;
+        let leaf = local.leaf.as_chunks::<DE>().0;
+        for entry in &local.entries {
+            for row in 0..entry.rows {
+                let jacobian = local.other_row(entry, row);
+                let mut moved = 0.0;
+                for part in &local.parts[entry.parts.0..entry.parts.1] {
+                    let start = self.places.starts[part.position];
+                    let (a, b) = (&jacobian[part.column..][..part.dim], &others[start..][..part.dim]);
+                    moved += a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+                }
+                for (out, e) in right.iter_mut().zip(&leaf[entry.row + row]) {
+                    *out += e * moved;
+                }
+            }
+        }
+        let solution = factor.backward(factor.forward(right));
+        let mut sum = LeafSteps::default();
+        for c in 0..DE {
+            step[c] = -solution[c];
+            sum.slope += gradient[c] * step[c];
+            sum.squared += scale[c] * step[c] * step[c];
+        }
+        sum
+    }
+}
+
+/// The reduced system, to be added to.
+pub(super) struct Reduced<'a> {
+    pub values: &'a mut [f64],
+    pub gradient: &'a mut [f64],
+    pub raw_gradient: &'a mut [f64],
+    pub diagonal: &'a mut [f64],
+}
+
+/// The entries of a diagonal that scale the damping.
+pub(super) fn clamped(diagonal: f64) -> f64 {
+    diagonal.clamp(1e-12, 1e32)
+}
+
+/// Cholesky factor of a leaf, the diagonal inverted.
+struct LeafFactor<const DE: usize>([[f64; DE]; DE]);
+
+impl<const DE: usize> LeafFactor<DE> {
+    /// `L^-1 b`
+    #[inline(always)]
+    fn forward(&self, mut b: [f64; DE]) -> [f64; DE] {
+        for r in 0..DE {
+            for c in 0..r {
+                b[r] -= self.0[r][c] * b[c];
+            }
+            b[r] *= self.0[r][r];
+        }
+        b
+    }
+
+    /// `L^-T b`
+    #[inline(always)]
+    fn backward(&self, mut b: [f64; DE]) -> [f64; DE] {
+        for r in (0..DE).rev() {
+            for c in r + 1..DE {
+                b[r] -= self.0[c][r] * b[c];
+            }
+            b[r] *= self.0[r][r];
+        }
+        b
+    }
+}
+
+/// Factor of a leaf's damped block, its gradient, and the scale of its damping.
+#[inline(always)]
+fn factor_leaf<const DE: usize>(
+    local: &Local,
+    free: &[bool],
+    damping: f64,
+) -> Option<(LeafFactor<DE>, [f64; DE], [f64; DE])> {
+    let mut v = [[0.0; DE]; DE];
+    let mut gradient = [0.0; DE];
+    for (row, r) in local.leaf.as_chunks::<DE>().0.iter().zip(&local.residuals) {
+        for a in 0..DE {
+            gradient[a] += row[a] * r;
+            for b in 0..=a {
+                v[a][b] += row[a] * row[b];
+            }
+        }
+    }
+    let mut scale = [0.0; DE];
+    for a in 0..DE {
+        if !free[a] {
+            v[a][a] = 1.0;
+        }
+        scale[a] = clamped(v[a][a]);
+        v[a][a] += damping * scale[a];
+    }
+    for c in 0..DE {
+        let mut pivot = v[c][c];
+        for k in 0..c {
+            pivot -= v[c][k] * v[c][k];
+        }
+        if pivot.is_nan() || pivot <= 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / pivot.sqrt();
+        v[c][c] = inverse;
+        for r in c + 1..DE {
+            for k in 0..c {
+                v[r][c] -= v[r][k] * v[c][k];
+            }
+            v[r][c] *= inverse;
+        }
+    }
+    Some((LeafFactor(v), gradient, scale))
+}
+
+#[inline(always)]
+fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    let mut sum = 0.0;
+    for i in 0..N {
+        sum += a[i] * b[i];
+    }
+    sum
+}
+
+#[inline(always)]
+fn times<const D: usize>(p: &[[f64; 2]; 2], j: &[[f64; D]; 2]) -> [[f64; D]; 2] {
+    let mut t = [[0.0; D]; 2];
+    for c in 0..D {
+        t[0][c] = p[0][0] * j[0][c] + p[0][1] * j[1][c];
+        t[1][c] = p[1][0] * j[0][c] + p[1][1] * j[1][c];
+    }
+    t
+}
+
+/// Adds the lower triangle of `a^T b`.
+#[inline(always)]
+fn add_lower<const D: usize>(values: &mut [f64], place: Place, a: &[[f64; D]; 2], b: &[[f64; D]; 2]) {
+    for c in 0..D {
+        let at = place.column_start(c);
+        let column = &mut values[at + c..at + D];
+        for (r, out) in (c..D).zip(column) {
+            *out += a[0][r] * b[0][c] + a[1][r] * b[1][c];
+        }
+    }
+}
+
+/// Cuts leaves into chunks of like work: pairs of measurements, and measurements.
+fn cut(starts: &[usize], count: usize) -> Vec<Range<usize>> {
+    let work = |leaf: usize| {
+        let measurements = (starts[leaf + 1] - starts[leaf]) as f64;
+        measurements * (measurements + 8.0)
+    };
+    let leaves = starts.len() - 1;
+    let total: f64 = (0..leaves).map(work).sum();
+    let mut chunks = Vec::with_capacity(count);
+    let (mut first, mut done) = (0, 0.0);
+    for leaf in 0..leaves {
+        done += work(leaf);
+        if done >= total * (chunks.len() + 1) as f64 / count as f64 || leaf + 1 == leaves {
+            chunks.push(first..leaf + 1);
+            first = leaf + 1;
+        }
+    }
+    chunks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_cover_all_leaves_in_order() {
+        let starts = [0, 2, 4, 40, 41, 44, 47];
+        for count in 1..8 {
+            let chunks = cut(&starts, count);
+            assert!(chunks.len() <= count + 1 && !chunks.iter().any(Range::is_empty), "{chunks:?}");
+            let all: Vec<usize> = chunks.iter().cloned().flatten().collect();
+            assert_eq!(all, (0..6).collect::<Vec<_>>());
+        }
+        assert!(cut(&[0], 3).is_empty());
+    }
+}
