@@ -177,11 +177,15 @@ fn what_is_no_result_is_never_touched() {
     refused.stderr(predicate::str::contains("thesis"));
     assert_eq!(names(&out), ["report.json"].map(String::from).into());
     assert_eq!(names(place.path()), ["thesis", "tiny"].map(String::from).into());
-    // A result makes way for the next one, with all that is in it.
+    // A result makes way for the next one.
     program().arg("refine").arg(&problem).assert().success();
-    std::fs::write(place.path().join("tiny-result/stale.csv"), "").unwrap();
+    std::fs::write(place.path().join("tiny-result/shape_old.ply"), "").unwrap();
     program().arg("refine").arg(&problem).assert().success();
-    assert!(!names(&place.path().join("tiny-result")).contains("stale.csv"));
+    assert!(!names(&place.path().join("tiny-result")).contains("shape_old.ply"));
+    // But not with what a user put there.
+    std::fs::write(place.path().join("tiny-result/notes.txt"), "mine").unwrap();
+    program().arg("refine").arg(&problem).assert().code(2);
+    assert!(names(&place.path().join("tiny-result")).contains("notes.txt"));
 }
 
 #[test]
@@ -259,4 +263,32 @@ fn versions_helps_and_completions_are_printed() {
         let script = program().args(["completions", shell]).assert().success();
         script.stdout(predicate::str::contains("refine"));
     }
+}
+
+#[test]
+#[cfg(feature = "rerun")]
+fn a_recording_replaces_nothing_but_a_recording() {
+    let (place, problem) = tiny();
+    let table = problem.join("frames.csv");
+    let before = std::fs::read(&table).unwrap();
+    for occupied in [&table, &problem] {
+        program().arg("refine").arg(&problem).arg("--rrd").arg(occupied).assert().code(2);
+    }
+    assert_eq!(std::fs::read(&table).unwrap(), before);
+    assert_eq!(names(place.path()), ["tiny"].map(String::from).into());
+    let file = place.path().join("a.rrd");
+    for _ in 0..2 {
+        program().arg("refine").arg(&problem).arg("--rrd").arg(&file).assert().success();
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn output_that_cannot_be_written_is_an_error() {
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_trackbundle"));
+    command.arg("check").arg(in_package("problems/tiny")).stdout(full);
+    let output = command.output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("standard output"));
 }

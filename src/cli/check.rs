@@ -39,7 +39,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
         }
     }
-    print(&text);
+    print(&text)?;
     computable(problem).map(|_| ())
 }
 

@@ -42,7 +42,7 @@ enum Dlt {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    output.records()?;
+    output.check_recording_place()?;
     check_place(&arguments.out)?;
     output.set_threads()?;
     let begin = Instant::now();
@@ -58,6 +58,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let initial = initialise(&problem, method);
     output.warn(&initial.warnings);
+    if !initial.estimate.is_finite() {
+        return Err(Failure::NoSolution("a starting value is out of all proportion".to_owned()));
+    }
     let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0);
     let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
     report.warnings.splice(0..0, input.warnings);
@@ -82,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         text += &format!("robust fit  of {}\n", counted(initial.robust_points, "point"));
         text += &format!("result      {}\n", folder.display());
-        print(&text);
+        print(&text)?;
     }
     Ok(())
 }

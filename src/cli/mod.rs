@@ -86,8 +86,7 @@ pub fn run() -> ExitCode {
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "trackbundle", &mut script);
-            output::print(&String::from_utf8_lossy(&script));
-            Ok(())
+            output::print(&String::from_utf8_lossy(&script))
         }
     });
     match result {

@@ -9,7 +9,11 @@ use crate::refine::{MotionPrior, MotionStrength};
 use crate::report::folder::Staged;
 use crate::report::{File, Report};
 use clap::Args;
+use std::io::Read;
 use std::path::{Path, PathBuf};
+
+/// How a recording begins.
+const RECORDING_MAGIC: [u8; 3] = *b"RRF";
 
 /// Where results go and what is said on the way.
 #[derive(Debug, Args)]
@@ -18,7 +22,8 @@ pub struct OutputOptions {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 
-    /// Write the Rerun recording to this file instead of session.rrd in the result folder
+    /// Write the Rerun recording to this file instead of session.rrd in the result folder; an older
+    /// recording there is replaced, nothing else is
     #[arg(long, value_name = "FILE", conflicts_with = "no_rrd")]
     pub rrd: Option<PathBuf>,
 
@@ -65,6 +70,23 @@ impl OutputOptions {
         }
     }
 
+    /// Refuses a place for the recording where something else stands.
+    pub fn check_recording_place(&self) -> Result<(), Failure> {
+        self.records()?;
+        let Some(file) = &self.rrd else { return Ok(()) };
+        let is_recording = || {
+            let mut magic = [0; 3];
+            let read = std::fs::File::open(file).and_then(|mut file| file.read_exact(&mut magic));
+            read.is_ok() && magic == RECORDING_MAGIC
+        };
+        match std::fs::metadata(file) {
+            Ok(found) if !(found.is_file() && (found.len() == 0 || is_recording())) => Err(Failure::Usage(
+                format!("{} exists and is no recording; it is left as it is", file.display()),
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// Writes a result folder: all of it or nothing. `draw` makes the scene to record, if one is.
     pub fn write(
         &self,
@@ -95,7 +117,7 @@ impl OutputOptions {
             .map_err(|error| failed(&error))?;
         let folder = staged.publish().map_err(|error| failed(&error))?;
         if self.json {
-            print(&json);
+            print(&json)?;
         }
         Ok(folder)
     }
@@ -137,6 +159,7 @@ pub fn read(folder: &Path) -> Result<Input, Failure> {
         Ok(Folder { inventory, problem, warnings }) => {
             let vehicles: Vec<String> = inventory.vehicles.iter().map(|v| v.id.clone()).collect();
             let reference = reference::read_reference(folder, &vehicles).map_err(invalid)?;
+            let warnings = warnings.into_iter().chain(reference.warnings.iter().cloned()).collect();
             Ok(Input { inventory, problem, reference, warnings })
         }
         Err(findings) => Err(invalid(findings)),

@@ -34,7 +34,7 @@ pub struct Arguments {
     loss_scale: Option<f64>,
 
     /// Shape of Barron's loss: 2 squared, 1 like Huber, 0 Cauchy, -2 Geman-McClure, -inf Welsch
-    #[arg(long, value_name = "ALPHA", default_value_t = DEFAULT_SHAPE, value_parser = shape, allow_negative_numbers = true)]
+    #[arg(long, value_name = "ALPHA", default_value_t = DEFAULT_SHAPE, value_parser = shape, allow_hyphen_values = true)]
     loss_shape: f64,
 
     /// The most iterations, all rounds together
@@ -57,7 +57,7 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    output.records()?;
+    output.check_recording_place()?;
     let target = match &arguments.out {
         Some(folder) => folder.clone(),
         None => default_result_folder(&arguments.problem)?,
@@ -100,8 +100,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let folder = output.write(&target, &tables, &mut report, draw)?;
     if !output.json && !output.quiet {
-        print(&summary(&adjustment, &report));
-        print(&format!("result      {}\n", folder.display()));
+        print(&summary(&adjustment, &report))?;
+        print(&format!("result      {}\n", folder.display()))?;
     }
     Ok(())
 }

@@ -24,6 +24,8 @@ pub struct VehicleEstimate {
     pub poses: Vec<Option<Pose>>,
     /// Position of each point in the vehicle frame; `None` where it is not determined.
     pub points: Vec<Option<Point3<f64>>>,
+    /// Whether the rays to a point leave its depth open.
+    pub open_depth: Vec<bool>,
     /// Why the vehicle is left out of the adjustment, if it is.
     pub left_out: Option<String>,
 }
@@ -42,6 +44,18 @@ pub struct TrackPoint {
 }
 
 impl Estimate {
+    /// Whether every number is one.
+    pub fn is_finite(&self) -> bool {
+        let pose = |p: &Pose| p.to_homogeneous().iter().all(|v| v.is_finite());
+        let point = |p: &Point3<f64>| p.iter().all(|v| v.is_finite());
+        self.camera_poses.iter().all(pose)
+            && self.targets.iter().flatten().all(point)
+            && self
+                .vehicles
+                .iter()
+                .all(|v| v.poses.iter().flatten().all(pose) && v.points.iter().flatten().all(point))
+    }
+
     /// Computed image point of a point of a vehicle; `None` where one of its unknowns has no value
     /// or the camera does not see it.
     pub fn vehicle_image_px(

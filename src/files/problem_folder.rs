@@ -127,7 +127,10 @@ impl Reader<'_> {
         let settings = tables.settings.as_ref()?;
         let frame_rows = tables.frames.as_ref()?;
         for vehicle in &settings.vehicles {
+            // A vehicle that is never seen is left out, with its marker.
+            let is_seen = vehicle_observations.points.iter().any(|(id, _)| *id == vehicle.id);
             if let Some((marker, line)) = &vehicle.marker
+                && is_seen
                 && !vehicle_observations.points.contains(&(vehicle.id.as_str(), marker.as_str()))
             {
                 let wanted = "a point that is observed";
@@ -240,7 +243,7 @@ impl Reader<'_> {
                 self.cell(TARGETS, *line, "target", "a target that is listed once", &row.target);
             }
             let role = match row.role.as_deref() {
-                None | Some("" | "control") => Role::Control,
+                None | Some("control") => Role::Control,
                 Some("check") => Role::Check,
                 Some(other) => {
                     self.cell(TARGETS, *line, "role", "control or check", other);

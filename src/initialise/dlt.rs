@@ -16,6 +16,7 @@
 use crate::geometry::Pose;
 use crate::nlls::loss::LossName;
 use crate::problem::Known;
+use crate::residuals::inside_body::BODY_MIDDLE_M;
 use nalgebra::{Dyn, Matrix3, OMatrix, OVector, Point3, U3, Vector2, Vector3};
 
 /// Smallest ratio of singular values at which the rays are said to meet.
@@ -27,8 +28,6 @@ const EXACT_SIGMA_M: f64 = 1e-6;
 const HEAVY_TAIL: f64 = 1.5;
 /// Re-weightings of [`LinearPoint::polish`].
 const POLISH_STEPS: usize = 5;
-/// The middle of a car in its frame and how far it reaches to either side \[m\].
-const BODY_MIDDLE_M: [(f64, f64); 3] = [(0.0, 3.0), (0.0, 1.5), (1.0, 1.0)];
 /// Fewest sightings that say anything about tails.
 const TAIL_SIGHTINGS: usize = 5;
 

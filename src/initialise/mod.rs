@@ -55,12 +55,14 @@ pub fn initialise(problem: &Problem, method: Method) -> Initial {
         let mut estimate = VehicleEstimate {
             poses: vehicle.poses.clone(),
             points: vec![None; vehicle.points.len()],
+            open_depth: Vec::new(),
             left_out: None,
         };
         estimate.bridge_gaps(problem, vehicle);
         let fits = shape(problem, vehicle, &estimate, method);
         robust_points += fits.iter().flatten().filter(|fit| fit.robust).count();
         estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
+        estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
         estimate.left_out = reason_to_leave_out(problem, vehicle, &estimate);
         warn_of_points(vehicle, &estimate, &mut warnings);
         vehicles.push(estimate);
@@ -71,16 +73,20 @@ pub fn initialise(problem: &Problem, method: Method) -> Initial {
         targets: vec![None; problem.targets.len()],
         terrain_bias_m: 0.0,
     };
+    let mut without_depth = Vec::new();
     for (at, target) in problem.targets.iter().enumerate() {
         let surveyed = target.surveyed().filter(|_| target.role == Role::Control);
         estimate.targets[at] = surveyed.or_else(|| intersect_target(problem, &estimate.camera_poses, at));
         let seen = problem.target_observations.iter().any(|o| o.target == at);
         if seen && target.role == Role::Control && estimate.targets[at].is_none() {
-            warnings.push(format!(
-                "target {}: its rays are too nearly parallel to meet in a point; it is left out",
-                target.id
-            ));
+            without_depth.push(target.id.as_str());
         }
+    }
+    if !without_depth.is_empty() {
+        warnings.push(format!(
+            "targets whose rays are too nearly parallel to meet in a point, which are left out: {}",
+            without_depth.join(", ")
+        ));
     }
     Initial { estimate, robust_points, warnings }
 }
@@ -88,6 +94,7 @@ pub fn initialise(problem: &Problem, method: Method) -> Initial {
 struct Fit {
     point: Point3<f64>,
     robust: bool,
+    is_open: bool,
 }
 
 fn shape(
@@ -138,7 +145,7 @@ fn shape(
                 (None, true) => system.solve()?,
                 (None, false) => plain,
             };
-            Some(Fit { point, robust: robust.is_some() })
+            Some(Fit { point, robust: robust.is_some(), is_open })
         })
         .collect()
 }

@@ -17,6 +17,24 @@ pub struct Reference {
     pub tracks: Vec<(String, Vec<GnssPosition>)>,
     /// The scan of each vehicle that has one, in its own frame \[m\].
     pub scans: Vec<(String, Vec<Point3<f64>>)>,
+    /// What is odd.
+    pub warnings: Vec<String>,
+}
+
+fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings) {
+    let Ok(entries) = std::fs::read_dir(problem_folder.join("reference")) else { return };
+    let is_read = |name: &str| {
+        name == "gnss.csv" || name.strip_suffix(".ply").is_some_and(|id| vehicles.iter().any(|v| v == id))
+    };
+    let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
+    let mut names: Vec<String> = entries.flatten().map(name).filter(|name| !is_read(name)).collect();
+    names.sort();
+    if !names.is_empty() {
+        findings.warn(format!(
+            "reference: not read (neither gnss.csv nor the .ply of a vehicle of problem.toml): {}",
+            names.join(", ")
+        ));
+    }
 }
 
 /// Reads and validates the folder `reference` of a problem with these vehicles.
@@ -24,5 +42,28 @@ pub fn read_reference(problem_folder: &Path, vehicles: &[String]) -> Result<Refe
     let mut findings = Findings::default();
     let tracks = gnss::read(problem_folder, vehicles, &mut findings);
     let scans = scan::read(problem_folder, vehicles, &mut findings);
-    if findings.is_invalid() { Err(findings) } else { Ok(Reference { tracks, scans }) }
+    warn_of_files_not_read(problem_folder, vehicles, &mut findings);
+    let warnings = findings.warnings().to_vec();
+    if findings.is_invalid() { Err(findings) } else { Ok(Reference { tracks, scans, warnings }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_that_are_not_read_are_named() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("reference");
+        std::fs::create_dir(&folder).unwrap();
+        for name in ["car1.xyz", "ghost.ply"] {
+            std::fs::write(folder.join(name), "x").unwrap();
+        }
+        let gnss = "vehicle,time_s,x,y,z,antenna\ncar1,0,1,2,3,a\n";
+        std::fs::write(folder.join("gnss.csv"), gnss).unwrap();
+        let reference = read_reference(place.path(), &["car1".to_owned()]).unwrap();
+        assert_eq!(reference.warnings.len(), 2, "{:?}", reference.warnings);
+        assert!(reference.warnings[0].contains("antenna"));
+        assert!(reference.warnings[1].ends_with("car1.xyz, ghost.ply"));
+    }
 }

@@ -53,6 +53,12 @@ pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
         free: components.map(|sigma| sigma.map_or(held_by_targets, |s| s > 0.0)),
         prior_sigma: prior_sigma(&components, &UNKNOWN_CAMERA_POSE, rows.sqrt()),
     };
+    let is_adrift = !held_by_targets && treatment.free.contains(&true);
+    let adrift = || {
+        "most frames see fewer than three surveyed control targets: errors of the starting camera poses that \
+         last for many frames stay in the cameras and in the tracks"
+            .to_owned()
+    };
     let warning = unknown_is_held.then(|| {
         let missing = match problem.camera_pose_sigma {
             sigma if sigma.is_unknown() => "camera poses",
@@ -64,7 +70,7 @@ pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
              noise.camera_rotation_deg) nor {TARGETS_THAT_HOLD} control targets in most frames"
         )
     });
-    (treatment, warning)
+    (treatment, warning.or_else(|| is_adrift.then(adrift)))
 }
 
 /// How the poses of a vehicle are treated.

@@ -20,7 +20,7 @@ pub use outcome::{Adjustment, CheckPoint, Fits, OUTLIER_SIGMAS, ObservationFit, 
 use crate::estimate::Estimate;
 use crate::nlls::linear::cholesky::TooLarge;
 use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
-use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum};
+use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
 use crate::nlls::system::Values;
 use crate::problem::Problem;
 use model::Model;
@@ -141,9 +141,26 @@ pub fn refine(
     }
     run.reselect_highest_points(chosen)?;
     let minimum = run.round("final", MinimiserOptions::default().relative_decrease, usize::MAX);
-    let estimate = run.model.estimate(problem, start, &run.values);
+    let mut estimate = run.model.estimate(problem, start, &run.values);
+    if !estimate.is_finite() || !minimum.cost.value.is_finite() {
+        return Err(NoSolution(
+            "the adjustment does not end in finite numbers: is a value out of all proportion?".to_owned(),
+        ));
+    }
+    let mut minimum = minimum;
+    if let Stop::Iterations { limit } = &mut minimum.stop {
+        // Of all rounds together.
+        *limit = options.max_iterations;
+    }
     let end = outcome::End { model: &run.model, minimum, rounds: run.rounds, spread, image_loss: chosen };
-    let adjustment = outcome::summarise(problem, start, &estimate, end);
+    let mut adjustment = outcome::summarise(problem, start, &estimate, end);
+    if adjustment.rms_px[0].is_none() {
+        return Err(NoSolution(
+            "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
+                .to_owned(),
+        ));
+    }
+    outcome::drop_rejected_points(problem, &mut estimate, &mut adjustment);
     Ok((estimate, adjustment))
 }
 
@@ -166,7 +183,8 @@ impl Run<'_> {
         if let Some(progress) = &self.progress {
             progress(Progress::Round(self.rounds.len() + 1, name));
         }
-        let options = MinimiserOptions { max_iterations: self.left.min(most), relative_decrease };
+        let max_iterations = self.left.min(most);
+        let options = MinimiserOptions { max_iterations, relative_decrease, ..Default::default() };
         let watch = self.progress.clone().map(|progress| -> crate::nlls::minimise::Watch {
             Box::new(move |record| progress(Progress::Iteration(*record)))
         });

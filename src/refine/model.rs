@@ -10,7 +10,7 @@ use crate::nlls::minimise::Minimiser;
 use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, Values};
 use crate::problem::{GroundKnowledge, Known, Problem, Role};
 use crate::residuals::ground_contact::{FirstContact, NextContact};
-use crate::residuals::inside_body::InsideBody;
+use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
 use crate::residuals::known_coordinate::{KnownCoordinate, KnownZero};
 use crate::residuals::pose_prior::PosePrior;
 use crate::residuals::target_image_point::TargetImagePoint;
@@ -25,6 +25,12 @@ const LEAST_HEIGHT_SIGMA_M: f64 = 1e-4;
 
 /// How far beyond the box of a body a point may stick out \[m\].
 const BODY_BOX_SIGMA_M: f64 = 0.1;
+
+/// By what the usual size of a car is loosened for points whose rays meet: it then moves none of them,
+/// and yet keeps one in its place whose image points are all rejected.
+const LOOSENED: f64 = 1e4;
+/// Standard deviation that keeps a tie point whose image points are all rejected \[m\].
+const TIE_POINT_SIGMA_M: f64 = 100.0;
 
 /// Standard deviation of the starting shape as a whole, where nothing else knows the scale \[m\].
 const STARTING_SHAPE_SIGMA_M: f64 = 0.2;
@@ -99,6 +105,8 @@ impl Model {
             groups.extend(add_contacts(&mut builder, problem, ground, &blocks));
         }
         add_body_boxes(&mut builder, &blocks);
+        add_usual_sizes(&mut builder, start, &blocks);
+        add_tie_points(&mut builder, problem, current, &blocks);
         let motion = add_motion(&mut builder, problem, &blocks, priors);
         let system = builder.build();
         Model {
@@ -183,6 +191,7 @@ impl Model {
             let mut estimate = VehicleEstimate {
                 poses: blocks.poses.iter().map(|block| block.map(pose)).collect(),
                 points: blocks.points.iter().map(|block| block.map(point)).collect(),
+                open_depth: start.open_depth.clone(),
                 left_out: None,
             };
             estimate.bridge_gaps(problem, vehicle);
@@ -227,7 +236,7 @@ pub fn highest_points(problem: &Problem, estimate: &Estimate) -> Vec<Option<usiz
         let sightings = vehicle.sightings();
         let mut sorted = sightings.clone();
         sorted.sort_unstable();
-        let enough = sorted[sorted.len() / 2] / 2;
+        let enough = sorted.get(sorted.len() / 2)? / 2;
         let height = |point: usize| estimate.points[point].map(|p| (p.z, point));
         (0..vehicle.points.len())
             .filter(|point| sightings[*point] >= enough)
@@ -416,6 +425,39 @@ fn add_body_boxes(builder: &mut SystemBuilder, blocks: &Blocks) {
         sigma: [BODY_BOX_SIGMA_M; 3],
     });
     builder.add_group("shape point inside a road vehicle", Loss::Squared, inside.collect());
+}
+
+/// What the size of road vehicles says of points: one whose rays leave its depth open lies about where
+/// a car is. Takes no part in the statistics.
+fn add_usual_sizes(builder: &mut SystemBuilder, start: &Estimate, blocks: &Blocks) {
+    let mut rows = Vec::new();
+    for (blocks, start) in blocks.vehicles.iter().zip(&start.vehicles) {
+        for (block, is_open) in blocks.points.iter().zip(&start.open_depth) {
+            let Some(block) = *block else { continue };
+            for (axis, (middle_m, half_size_m)) in BODY_MIDDLE_M.into_iter().enumerate() {
+                rows.push(Measurement {
+                    residual: KnownCoordinate { axis, known_m: middle_m },
+                    blocks: [block],
+                    sigma: [half_size_m * if *is_open { 1.0 } else { LOOSENED }],
+                });
+            }
+        }
+    }
+    builder.add_group("usual size of a car", Loss::Squared, rows);
+}
+
+/// Keeps tie points where they are should all their image points be rejected. Takes no part in the
+/// statistics.
+fn add_tie_points(builder: &mut SystemBuilder, problem: &Problem, current: &Estimate, blocks: &Blocks) {
+    let mut rows = Vec::new();
+    for ((target, block), place) in problem.targets.iter().zip(&blocks.targets).zip(&current.targets) {
+        let (Some(block), Some(place)) = (*block, *place) else { continue };
+        for axis in (0..3).filter(|axis| target.known[*axis].is_none()) {
+            let residual = KnownCoordinate { axis, known_m: place[axis] };
+            rows.push(Measurement { residual, blocks: [block], sigma: [TIE_POINT_SIGMA_M] });
+        }
+    }
+    builder.add_group("place of a tie point", Loss::Squared, rows);
 }
 
 fn add_starting_poses(

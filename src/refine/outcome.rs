@@ -236,6 +236,32 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
     }
 }
 
+/// Takes the coordinates of shape points that fewer than two image points agree with: they are where
+/// the usual size of a car puts them, not where anybody saw them.
+pub fn drop_rejected_points(problem: &Problem, estimate: &mut Estimate, adjustment: &mut Adjustment) {
+    for (at, vehicle) in problem.vehicles.iter().enumerate() {
+        let found = &mut estimate.vehicles[at];
+        let mut good = vec![0; vehicle.points.len()];
+        for (observation, fit) in vehicle.observations.iter().zip(&adjustment.fits.vehicles[at]) {
+            good[observation.point] += usize::from(fit.is_some_and(|fit| !fit.is_outlier));
+        }
+        let mut dropped = Vec::new();
+        for (point, shape_point) in vehicle.points.iter().enumerate() {
+            let is_known = shape_point.known.iter().any(Option::is_some);
+            if good[point] < 2 && !is_known && found.points[point].take().is_some() {
+                dropped.push(shape_point.id.as_str());
+            }
+        }
+        if !dropped.is_empty() {
+            adjustment.warnings.push(format!(
+                "vehicle {}: points whose image points are gross errors but for one at most, which get no coordinates: {}",
+                vehicle.id,
+                dropped.join(", ")
+            ));
+        }
+    }
+}
+
 /// Root mean square of the coordinates.
 fn rms_px(fits: &[(f64, ObservationFit)]) -> Option<f64> {
     let sum: f64 = fits.iter().map(|(_, fit)| fit.residual_px.norm_squared()).sum();

@@ -6,6 +6,16 @@ use std::path::{Path, PathBuf};
 
 /// The file by which a folder is known as a result.
 const REPORT: &str = "report.json";
+/// The files of a result, but for the clouds of vehicles.
+const OWN_FILES: [&str; 7] = [
+    "camera_poses.csv",
+    REPORT,
+    "residuals.csv",
+    "session.rrd",
+    "trajectories.csv",
+    "vehicle_points.csv",
+    "vehicle_poses.csv",
+];
 /// The key in it by which it is known as ours.
 pub const PROGRAM_KEY: &str = "program";
 /// Its value.
@@ -26,7 +36,7 @@ pub struct Staged {
 pub enum PlaceError {
     /// Something is there that is not a result, and it is not touched.
     #[error(
-        "{0} exists and is not a result of trackbundle; it is left as it is (choose another place with --out)"
+        "{0} exists and is not a result of trackbundle, or holds other files too; it is left as it is (choose another place with --out)"
     )]
     Occupied(PathBuf),
     /// The place cannot be used.
@@ -49,10 +59,16 @@ pub fn check_place(target: &Path) -> Result<(), PlaceError> {
     }
 }
 
+/// Whether a folder holds a result of this program and nothing else.
 fn is_result(folder: &Path) -> bool {
     let Ok(text) = std::fs::read_to_string(folder.join(REPORT)) else { return false };
     let report: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let is_ours =
+        |name: &str| OWN_FILES.contains(&name) || (name.starts_with("shape_") && name.ends_with(".ply"));
     report[PROGRAM_KEY] == PROGRAM
+        && std::fs::read_dir(folder).is_ok_and(|mut entries| {
+            entries.all(|entry| entry.is_ok_and(|entry| entry.file_name().to_str().is_some_and(is_ours)))
+        })
 }
 
 impl Staged {
@@ -152,10 +168,11 @@ mod tests {
             staged
                 .write(&file(REPORT, &format!("{{\"program\": \"trackbundle\", \"n\": \"{text}\"}}")))
                 .unwrap();
-            staged.write(&file(text, text)).unwrap();
-            assert!(!target.join(text).exists());
+            let cloud = format!("shape_{text}.ply");
+            staged.write(&file(&cloud, text)).unwrap();
+            assert!(!target.join(&cloud).exists());
             staged.publish().unwrap();
-            assert_eq!(names(&target), [text, REPORT].map(String::from).to_vec().tap_sort());
+            assert_eq!(names(&target), [REPORT.to_owned(), cloud]);
             assert_eq!(names(target.parent().unwrap()), ["result"]);
         }
     }
@@ -177,16 +194,10 @@ mod tests {
         assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "empty");
         std::fs::write(folder.path().join(REPORT), "{\"program\": \"other\"}").unwrap();
         assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "another's");
-        assert_eq!(names(folder.path()), [REPORT]);
-    }
-
-    trait TapSort {
-        fn tap_sort(self) -> Self;
-    }
-    impl TapSort for Vec<String> {
-        fn tap_sort(mut self) -> Self {
-            self.sort();
-            self
-        }
+        std::fs::write(folder.path().join(REPORT), "{\"program\": \"trackbundle\"}").unwrap();
+        assert!(check_place(folder.path()).is_ok());
+        std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+        assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "with a note");
+        assert_eq!(names(folder.path()), ["notes.txt", REPORT]);
     }
 }

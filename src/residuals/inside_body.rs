@@ -15,6 +15,9 @@ use nalgebra::{Matrix3, Vector3};
 /// The box, in the vehicle frame \[m\]: room for the longest road train, wherever in it the origin is.
 pub const BODY_BOX_M: [[f64; 2]; 3] = [[-20.0, 20.0], [-5.0, 5.0], [-1.0, 6.0]];
 
+/// The middle of a car in its frame and how far it reaches to either side \[m\].
+pub const BODY_MIDDLE_M: [(f64, f64); 3] = [(0.0, 3.0), (0.0, 1.5), (1.0, 1.0)];
+
 /// Block: a point in the vehicle frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InsideBody;

@@ -88,11 +88,8 @@ impl Findings {
     }
 }
 
-/// How many findings about one file are printed.
-const PRINTED_PER_FILE: usize = 50;
-
 impl fmt::Display for Findings {
-    /// One line for each error; of very many in one file the first ones and their number.
+    /// One line for each error, file by file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut files: Vec<&str> = Vec::new();
         for finding in &self.errors {
@@ -101,12 +98,8 @@ impl fmt::Display for Findings {
             }
         }
         for file in files {
-            let of_file: Vec<_> = self.errors.iter().filter(|e| e.file == file).collect();
-            for finding in of_file.iter().take(PRINTED_PER_FILE) {
+            for finding in self.errors.iter().filter(|e| e.file == file) {
                 writeln!(f, "{finding}")?;
-            }
-            if of_file.len() > PRINTED_PER_FILE {
-                writeln!(f, "{file}: and {} more", of_file.len() - PRINTED_PER_FILE)?;
             }
         }
         Ok(())
@@ -124,12 +117,15 @@ mod tests {
     }
 
     #[test]
-    fn very_many_findings_are_counted() {
+    fn findings_are_listed_file_by_file() {
         let mut findings = Findings::default();
-        (0..60).for_each(|line| findings.error(Finding::of_line("a.csv", line, "x", "y")));
-        findings.error(Finding::of_file("b.csv", "a table", "nothing"));
+        for line in 0..60 {
+            findings.error(Finding::of_line("a.csv", line, "x", "y"));
+            findings.error(Finding::of_line("b.csv", line, "x", "y"));
+        }
         let text = findings.to_string();
-        assert_eq!(text.lines().count(), 52);
-        assert!(text.contains("a.csv: and 10 more"));
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 120);
+        assert!(lines[59].starts_with("a.csv:59") && lines[60].starts_with("b.csv:0"), "{lines:?}");
     }
 }
