@@ -18,7 +18,7 @@ use std::time::Instant;
 use trackbundle::geometry::{rotation, skew};
 use trackbundle::nlls::loss::{DEFAULT_SHAPE, LossName};
 use trackbundle::nlls::manifold::{Manifold, read_point, read_pose};
-use trackbundle::nlls::minimise::{Minimiser, MinimiserOptions};
+use trackbundle::nlls::minimise::Minimiser;
 use trackbundle::nlls::residual::{Jacobian, Residual};
 use trackbundle::nlls::system::{BlockId, Measurement, System, SystemBuilder, Values};
 
@@ -157,7 +157,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (system, cameras, points) = problem.system(&arguments);
     let mut minimiser = Minimiser::new(&system)?;
     let setup_s = setup.elapsed().as_secs_f64();
-    let options = MinimiserOptions { first_damping: 1e-4, ..arguments.run.minimiser_options() };
+    let options = arguments.run.minimiser_options();
     let minimum = minimiser.run(&system, system.start(), options, arguments.run.watch());
     arguments.run.report(&system, &minimum, &minimiser, setup_s, &begin);
     if let Some(file) = &arguments.run.output {

@@ -81,7 +81,7 @@ const DOORS: &[(&str, &[&str])] = &[
     ("pulp", &["nlls/system"]),
     ("toml", &["files"]),
     ("ply_rs_bw", &["reference", "report"]),
-    ("rayon", &["nlls/linear", "nlls/system", "initialise", "refine", "cli"]),
+    ("rayon", &["nlls/linear", "nlls/system", "nlls/minimise", "initialise", "refine", "cli"]),
     ("rand", &["nlls/system", "refine", "problem"]),
     ("rand_chacha", &["nlls/system", "refine", "problem"]),
     ("clap", &["cli"]),

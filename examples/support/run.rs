@@ -40,7 +40,10 @@ impl Options {
             max_iterations: self.max_iterations,
             relative_decrease: self.function_tolerance,
             hardly_damped: f64::INFINITY,
-            ..Default::default()
+            first_damping: 1e-4,
+            shrink: 1.0 / 3.0,
+            growth: 2.0,
+            least_flatness: 1e-3,
         }
     }
 
@@ -49,9 +52,9 @@ impl Options {
         if self.json {
             return None;
         }
-        println!("iter            cost      change  |gradient|      |step|    gain  damping  seconds");
+        eprintln!("iter            cost      change  |gradient|      |step|    gain  damping  seconds");
         Some(Box::new(|r| {
-            println!(
+            eprintln!(
                 "{:4} {:15.8e} {:11.2e} {:11.2e} {:11.2e} {:6.2}{} {:8.1e} {:8.4}",
                 r.iteration,
                 r.cost,

@@ -50,6 +50,7 @@ pub enum Loss {
 
 impl Loss {
     /// `[rho, rho', rho'']` at `s >= 0`.
+    #[inline(always)]
     pub fn rho(&self, s: f64) -> [f64; 3] {
         match *self {
             Loss::Squared => [s, 1.0, 0.0],
@@ -85,8 +86,21 @@ impl Loss {
     }
 
     /// The weight `rho'(s)` that a measurement of squared norm `s` keeps.
+    #[inline(always)]
     pub fn weight(&self, s: f64) -> f64 {
         self.rho(s)[1]
+    }
+
+    /// Curvature of the cost along a residual as a share of that across it, `1 + 2 s rho'' / rho'`:
+    /// what a Newton step sees of a measurement along its residual. At least `least`, which must be
+    /// above zero: the curvature of a loss that redescends is negative far out.
+    #[inline(always)]
+    pub fn flatness(&self, s: f64, least: f64) -> f64 {
+        if least >= 1.0 || matches!(self, Loss::Squared) {
+            return 1.0;
+        }
+        let [_, slope, bend] = self.rho(s);
+        (1.0 + 2.0 * s * bend / slope).clamp(least, 1.0)
     }
 
     /// The same loss with its scale multiplied by `factor`.

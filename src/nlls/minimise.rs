@@ -14,7 +14,7 @@
 
 use super::linear::cholesky::{Cholesky, Singular, TooLarge};
 use super::linear::matrix::BlockMatrix;
-use super::system::{Cost, Normal, Step, System, Values};
+use super::system::{Cost, Curvature, Normal, Step, System, Values};
 use argmin::core::observers::{Observe, ObserverMode};
 use argmin::core::{Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use std::collections::HashMap;
@@ -32,6 +32,13 @@ pub struct MinimiserOptions {
     pub first_damping: f64,
     /// Damping up to which a step is hardly damped.
     pub hardly_damped: f64,
+    /// The least that the damping is multiplied by at an accepted step.
+    pub shrink: f64,
+    /// What it is multiplied by at a first rejection; twice that at the next one, and so on.
+    pub growth: f64,
+    /// How flat the model of a robust loss may become along residuals ([`Curvature`]): as flat as the
+    /// steps prove to be better than predicted.
+    pub least_flatness: f64,
 }
 
 impl Default for MinimiserOptions {
@@ -41,6 +48,9 @@ impl Default for MinimiserOptions {
             relative_decrease: 1e-8,
             first_damping: FIRST_DAMPING,
             hardly_damped: HARDLY_DAMPED,
+            shrink: 0.1,
+            growth: 10.0,
+            least_flatness: 1.0,
         }
     }
 }
@@ -48,8 +58,6 @@ impl Default for MinimiserOptions {
 /// Damping at the start. A body's frame, and often its scale, are held so weakly that more would
 /// keep them from their place for many iterations; a start that needs more gets it by rejections.
 const FIRST_DAMPING: f64 = 1e-9;
-/// By what the damping grows at a first rejection.
-const FIRST_GROWTH: f64 = 10.0;
 /// A weakly held direction, such as the scale, has moved to its place only when the damping is well
 /// below its share of the curvature; a small decrease says nothing before.
 const HARDLY_DAMPED: f64 = 1e-7;
@@ -57,6 +65,9 @@ const HARDLY_DAMPED: f64 = 1e-7;
 const MOST_DAMPING: f64 = 1e16;
 /// Damping below which it makes no difference.
 const LEAST_DAMPING: f64 = 1e-14;
+/// A gain above which the cost is flatter than its model, and one below which it is not.
+const STEEPER: f64 = 1.25;
+const SHALLOWER: f64 = 0.75;
 /// Changes of the cost below this share of it are rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -183,10 +194,11 @@ pub struct Minimiser {
     damped: Option<BlockMatrix>,
     cholesky: Cholesky,
     damping: f64,
+    least_flatness: f64,
     /// By what the damping is multiplied at the next rejection.
     growth: f64,
-    /// The damping with which `normal` was formed at the current values, if it was.
-    linearised: Option<f64>,
+    /// The curvature with which `normal` was formed at the current values, if it was.
+    linearised: Option<Curvature>,
     /// The damping of the last factorisation.
     factor_damping: f64,
     stages: StageSeconds,
@@ -204,7 +216,8 @@ impl Minimiser {
             damped,
             cholesky,
             damping: FIRST_DAMPING,
-            growth: FIRST_GROWTH,
+            least_flatness: 1.0,
+            growth: 1.0,
             linearised: None,
             factor_damping: f64::INFINITY,
             stages: StageSeconds::default(),
@@ -226,7 +239,8 @@ impl Minimiser {
     ) -> Minimum {
         self.options = options;
         self.damping = options.first_damping;
-        self.growth = FIRST_GROWTH;
+        self.least_flatness = 1.0;
+        self.growth = self.options.growth;
         self.linearised = None;
         let mut executor = Executor::new(system, self)
             .configure(|state: LmState| state.start_at(start.clone(), options.max_iterations))
@@ -251,8 +265,8 @@ impl Minimiser {
         values: &Values,
     ) -> Result<(&Normal, &mut Cholesky), Singular> {
         if self.factor_damping > HARDLY_DAMPED {
-            system.linearise(values, 0.0, &mut self.normal).ok_or(Singular)?;
-            self.linearised = Some(0.0);
+            system.linearise(values, Curvature::PLAIN, &mut self.normal).ok_or(Singular)?;
+            self.linearised = Some(Curvature::PLAIN);
             self.cholesky.factorise(&self.normal.matrix)?;
             self.factor_damping = 0.0;
         }
@@ -261,14 +275,18 @@ impl Minimiser {
 
     /// Linearises at `values`, unless that is done; `None` where the system cannot be solved.
     fn linearise(&mut self, system: &System, values: &Values) -> Option<()> {
-        let is_done = |damping: f64| damping == self.damping || !system.has_leaves();
+        let wanted = self.curvature();
+        let is_done = |found: Curvature| {
+            found.least_flatness == wanted.least_flatness
+                && (found.damping == wanted.damping || !system.has_leaves())
+        };
         if !self.linearised.is_some_and(is_done) {
             self.linearised = None;
             let begin = Instant::now();
-            let done = system.linearise(values, self.damping, &mut self.normal);
+            let done = system.linearise(values, wanted, &mut self.normal);
             self.stages.linearise += begin.elapsed().as_secs_f64();
             done?;
-            self.linearised = Some(self.damping);
+            self.linearised = Some(wanted);
         }
         Some(())
     }
@@ -295,20 +313,30 @@ impl Minimiser {
         self.cholesky.solve(&mut others);
         self.stages.factorise += begin.elapsed().as_secs_f64();
         let begin = Instant::now();
-        let step = system.back_substitute(values, self.damping, &mut self.normal, others);
+        let step = system.back_substitute(values, self.curvature(), &mut self.normal, others);
         self.stages.substitute += begin.elapsed().as_secs_f64();
         step.delta.iter().all(|s| s.is_finite()).then_some(step)
+    }
+
+    fn curvature(&self) -> Curvature {
+        Curvature { damping: self.damping, least_flatness: self.least_flatness }
     }
 
     fn reject(&mut self) {
         self.damping *= self.growth;
         self.growth *= 2.0;
+        self.least_flatness = (4.0 * self.least_flatness).min(1.0);
     }
 
     fn accept(&mut self, gain: f64) {
-        let factor = (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(0.1, 2.0);
+        let factor = (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(self.options.shrink, 2.0);
         self.damping = (self.damping * factor).max(LEAST_DAMPING);
-        self.growth = FIRST_GROWTH;
+        self.growth = self.options.growth;
+        if gain > STEEPER {
+            self.least_flatness = (0.5 * self.least_flatness).max(self.options.least_flatness);
+        } else if gain < SHALLOWER {
+            self.least_flatness = (2.0 * self.least_flatness).min(1.0);
+        }
         self.linearised = None;
     }
 
@@ -394,8 +422,10 @@ impl Solver<&System, LmState> for &mut Minimiser {
         mut state: LmState,
     ) -> Result<(LmState, Option<KV>), Error> {
         let begin = Instant::now();
-        let (mut record, stop) =
-            problem.problem("step_count", |system| Ok(self.attempt(system, &mut state)))?;
+        let (mut record, stop) = problem.problem("step_count", |system| {
+            // On the threads of the pool as a whole: waking them for each stage takes its time.
+            Ok(rayon::scope(|_| self.attempt(system, &mut state)))
+        })?;
         record.seconds = begin.elapsed().as_secs_f64();
         state.records.push(record);
         if let Some(stop) = stop {

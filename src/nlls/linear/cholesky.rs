@@ -8,14 +8,21 @@ use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::{Conj, MatMut, Par, Side};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// Factor of a matrix `A = L L^T` and the workspace to make it again with other values.
 pub struct Cholesky {
     symbolic: SymbolicCholesky<usize>,
     factor: Vec<f64>,
     workspace: MemBuffer,
+    /// Threads of its own. The kernels of the library leave a thread in a state in which all
+    /// other vector code runs two to four times slower (measured), so none of ours must run them.
+    threads: ThreadPool,
     parallelism: Par,
 }
+
+/// Operations from which a factorisation is shared out.
+const SHARED_FLOPS: f64 = 2e7;
 
 /// The matrix is not positive definite: some combination of unknowns is not determined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -45,10 +52,10 @@ impl Cholesky {
             },
         )
         .map_err(|_| TooLarge)?;
-        let parallelism = match rayon::current_num_threads() {
-            1 => Par::Seq,
-            threads => Par::rayon(threads),
-        };
+        let is_shared = matrix.ordering().flops > SHARED_FLOPS;
+        let count = if is_shared { rayon::current_num_threads() } else { 1 };
+        let threads = ThreadPoolBuilder::new().num_threads(count).build().map_err(|_| TooLarge)?;
+        let parallelism = if count == 1 { Par::Seq } else { Par::rayon(count) };
         let request = StackReq::any_of(&[
             symbolic.factorize_numeric_llt_scratch::<f64>(parallelism, Default::default()),
             symbolic.solve_in_place_scratch::<f64>(MAX_RIGHT_SIDES, Par::Seq),
@@ -57,23 +64,24 @@ impl Cholesky {
         let mut factor = Vec::new();
         factor.try_reserve_exact(symbolic.len_val()).map_err(|_| TooLarge)?;
         factor.resize(symbolic.len_val(), 0.0);
-        Ok(Cholesky { symbolic, factor, workspace, parallelism })
+        Ok(Cholesky { symbolic, factor, workspace, threads, parallelism })
     }
 
     /// Factorises `matrix`, which has the pattern that was analysed.
     pub fn factorise(&mut self, matrix: &BlockMatrix) -> Result<(), Singular> {
-        self.symbolic
-            .factorize_numeric_llt(
-                &mut self.factor,
+        let Cholesky { symbolic, factor, workspace, threads, parallelism } = self;
+        threads.install(|| {
+            let result = symbolic.factorize_numeric_llt(
+                factor,
                 matrix.lower(),
                 Side::Lower,
                 Default::default(),
-                self.parallelism,
-                MemStack::new(&mut self.workspace),
+                *parallelism,
+                MemStack::new(workspace),
                 Default::default(),
-            )
-            .map_err(|_| Singular)?;
-        Ok(())
+            );
+            result.map(|_| ()).map_err(|_| Singular)
+        })
     }
 
     /// Solves `A x = b` in place for the columns of `b`, each as long as the matrix.
@@ -82,16 +90,18 @@ impl Cholesky {
         if n == 0 {
             return;
         }
-        for columns in b.chunks_mut(n * MAX_RIGHT_SIDES) {
+        let Cholesky { symbolic, factor, workspace, threads, .. } = self;
+        let solve = |columns: &mut [f64]| {
             let count = columns.len() / n;
-            LltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
+            LltRef::new(symbolic, factor).solve_in_place_with_conj(
                 Conj::No,
                 MatMut::from_column_major_slice_mut(columns, n, count),
                 // Parallel products with a single vector sum in an order that depends on the threads.
                 Par::Seq,
-                MemStack::new(&mut self.workspace),
+                MemStack::new(workspace),
             );
-        }
+        };
+        threads.install(|| b.chunks_mut(n * MAX_RIGHT_SIDES).for_each(solve));
     }
 }
 

@@ -3,9 +3,10 @@
 use super::leaves::{Entry, Local, Part};
 use super::{BlockId, Cost, System, Values};
 use crate::nlls::loss::Loss;
+use crate::nlls::manifold::MAX_TANGENT;
 use crate::nlls::residual::{Jacobian, Residual};
-use nalgebra::SVector;
-use pulp::Arch;
+use nalgebra::{SMatrix, SVector};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// A measurement whose geometry is impossible, such as a point behind the camera, costs as much as
@@ -43,6 +44,22 @@ pub(super) struct Linear {
     pub jacobians: Vec<f64>,
 }
 
+/// A whitened, weighted residual, and what makes its Jacobian so.
+struct Weighed<const ROWS: usize> {
+    residual: SVector<f64, ROWS>,
+    factor: SVector<f64, ROWS>,
+    /// Along the residual, of squared length `1 - flat`.
+    along: SVector<f64, ROWS>,
+}
+
+impl<const ROWS: usize> Weighed<ROWS> {
+    #[inline(always)]
+    fn column(&self, jacobian: &SMatrix<f64, ROWS, MAX_TANGENT>, column: usize) -> SVector<f64, ROWS> {
+        let scaled = jacobian.column(column).component_mul(&self.factor);
+        scaled - self.along * self.along.dot(&scaled)
+    }
+}
+
 /// What the system asks of a group, whatever its kind.
 pub(super) trait AnyGroup: Send + Sync {
     fn len(&self) -> usize;
@@ -56,7 +73,7 @@ pub(super) trait AnyGroup: Send + Sync {
     fn cost(&self, system: &System, values: &Values) -> Cost;
     fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
     fn linear(&self) -> Linear;
-    fn linearise(&self, system: &System, values: &Values, linear: &mut Linear);
+    fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear);
     /// Appends measurements that see this leaf, linearised.
     fn linearise_leaf(
         &self,
@@ -64,6 +81,7 @@ pub(super) trait AnyGroup: Send + Sync {
         leaf: usize,
         system: &System,
         values: &Values,
+        least_flatness: f64,
         local: &mut Local,
     );
 }
@@ -74,6 +92,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     }
 
     /// The whitened residual; the Jacobian that comes back is not whitened.
+    #[inline(always)]
     fn whitened(
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
@@ -89,38 +108,59 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
         residual.iter().all(|v| v.is_finite()).then_some(residual)
     }
 
+    /// A measurement as a row of least squares; `None` where it pulls nowhere.
+    ///
+    /// Gauss-Newton for a robust loss: `J~ = sqrt(rho') F J` and `r~ = sqrt(rho') F^-1 r` have the
+    /// gradient of `rho(s) / 2`. `F` flattens the curvature along `r` to that of the loss
+    /// ([`Loss::flatness`]); where it is 1, this is iteratively re-weighted least squares.
+    #[inline(always)]
+    fn weighed(
+        &self,
+        measurement: &Measurement<R, ROWS, BLOCKS>,
+        system: &System,
+        values: &Values,
+        least_flatness: f64,
+        jacobian: &mut Jacobian<ROWS, BLOCKS>,
+    ) -> Option<Weighed<ROWS>> {
+        let residual = self.whitened(measurement, system, values, Some(jacobian))?;
+        let squared = residual.norm_squared();
+        let root = match self.loss {
+            Loss::Squared => 1.0,
+            loss => loss.weight(squared).sqrt(),
+        };
+        if root == 0.0 {
+            return None;
+        }
+        let factor = SVector::from(measurement.sigma.map(|s| root / (s * self.sigma_factor)));
+        let flat = self.loss.flatness(squared, least_flatness).sqrt();
+        let along =
+            if flat < 1.0 { residual * ((1.0 - flat).sqrt() / squared.sqrt()) } else { SVector::zeros() };
+        Some(Weighed { residual: residual * (root / flat), factor, along })
+    }
+
     fn linearise_one(
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
         system: &System,
         values: &Values,
+        least_flatness: f64,
         residual_out: &mut [f64],
         jacobian_out: &mut [f64],
     ) {
         residual_out.fill(0.0);
         jacobian_out.fill(0.0);
         let mut jacobian = Jacobian::zeros();
-        let Some(residual) = self.whitened(measurement, system, values, Some(&mut jacobian)) else {
+        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
             return;
         };
-        // Iteratively re-weighted least squares: J~ = sqrt(rho') J and r~ = sqrt(rho') r have the
-        // gradient of rho(s) / 2 and a curvature that lies above its own, so that steps stay short.
-        let root = self.loss.weight(residual.norm_squared()).sqrt();
-        if root == 0.0 {
-            return;
-        }
-        for (out, value) in residual_out.iter_mut().zip(residual.iter()) {
-            *out = root * value;
-        }
-        let factor = SVector::from(measurement.sigma.map(|s| root / (s * self.sigma_factor)));
+        residual_out.copy_from_slice(weighed.residual.as_slice());
         let mut columns = jacobian_out.chunks_exact_mut(ROWS);
         for (block, manifold) in R::MANIFOLDS.iter().enumerate() {
             let free = system.free(measurement.blocks[block]);
             for (column, free) in (0..manifold.tangent()).zip(free) {
                 let out = columns.next().expect("one column a perturbation");
                 if *free {
-                    let column = jacobian.0[block].column(column).component_mul(&factor);
-                    out.copy_from_slice(column.as_slice());
+                    out.copy_from_slice(weighed.column(&jacobian.0[block], column).as_slice());
                 }
             }
         }
@@ -135,20 +175,16 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
         leaf: usize,
         system: &System,
         values: &Values,
+        least_flatness: f64,
         local: &mut Local,
     ) {
         let mut jacobian = Jacobian::zeros();
-        let Some(residual) = self.whitened(measurement, system, values, Some(&mut jacobian)) else {
+        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
             return;
         };
-        let root = self.loss.weight(residual.norm_squared()).sqrt();
-        if root == 0.0 {
-            return;
-        }
-        let factor = measurement.sigma.map(|s| root / (s * self.sigma_factor));
         let row = local.residuals.len();
         let (first_part, mut width) = (local.parts.len(), 0);
-        local.residuals.extend(residual.iter().map(|r| root * r));
+        local.residuals.extend_from_slice(weighed.residual.as_slice());
         for (block, manifold) in measurement.blocks.iter().zip(R::MANIFOLDS) {
             if let Some(position) = system.position[block.0] {
                 local.parts.push(Part { position, dim: manifold.tangent(), column: width });
@@ -156,6 +192,12 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
             }
         }
         let other = local.other.len();
+        for (b, manifold) in R::MANIFOLDS.iter().enumerate() {
+            for c in 0..manifold.tangent() {
+                let column = weighed.column(&jacobian.0[b], c);
+                jacobian.0[b].set_column(c, &column);
+            }
+        }
         for k in 0..ROWS {
             for (b, manifold) in R::MANIFOLDS.iter().enumerate() {
                 let block = measurement.blocks[b].0;
@@ -166,14 +208,42 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
                 } else {
                     continue;
                 };
-                let mask = system.blocks[block].free;
+                let free = &system.blocks[block].free;
+                let mut row = [0.0; MAX_TANGENT];
                 for c in 0..manifold.tangent() {
-                    out.push(if mask[c] { jacobian.0[b][(k, c)] * factor[k] } else { 0.0 });
+                    row[c] = if free[c] { jacobian.0[b][(k, c)] } else { 0.0 };
                 }
+                out.extend_from_slice(&row[..manifold.tangent()]);
             }
         }
         let parts = (first_part, local.parts.len());
         local.entries.push(Entry { row, rows: ROWS, parts, other, width });
+    }
+}
+
+/// [`Group::append_to_leaf`] with the vector instructions that the machine has.
+struct AppendToLeaf<'a, R, const ROWS: usize, const BLOCKS: usize> {
+    group: &'a Group<R, ROWS, BLOCKS>,
+    items: &'a [(u32, u32)],
+    leaf: usize,
+    system: &'a System,
+    values: &'a Values,
+    least_flatness: f64,
+    local: &'a mut Local,
+}
+
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> WithSimd
+    for AppendToLeaf<'_, R, ROWS, BLOCKS>
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (_, item) in self.items {
+            let measurement = &self.group.measurements[*item as usize];
+            let AppendToLeaf { leaf, system, values, least_flatness, .. } = self;
+            self.group.append_to_leaf(measurement, leaf, system, values, least_flatness, self.local);
+        }
     }
 }
 
@@ -256,7 +326,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         }
     }
 
-    fn linearise(&self, system: &System, values: &Values, linear: &mut Linear) {
+    fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear) {
         let columns = linear.columns;
         self.measurements
             .par_chunks(CHUNK)
@@ -268,7 +338,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
                     .zip(residuals.chunks_exact_mut(ROWS))
                     .zip(jacobians.chunks_exact_mut(ROWS * columns))
                 {
-                    self.linearise_one(measurement, system, values, residual, jacobian);
+                    self.linearise_one(measurement, system, values, least_flatness, residual, jacobian);
                 }
             });
     }
@@ -279,12 +349,17 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         leaf: usize,
         system: &System,
         values: &Values,
+        least_flatness: f64,
         local: &mut Local,
     ) {
-        Arch::new().dispatch(|| {
-            for (_, item) in items {
-                self.append_to_leaf(&self.measurements[*item as usize], leaf, system, values, local);
-            }
+        Arch::new().dispatch(AppendToLeaf {
+            group: self,
+            items,
+            leaf,
+            system,
+            values,
+            least_flatness,
+            local,
         });
     }
 }

@@ -24,9 +24,9 @@
 //! which are added in order: the same bytes for any number of threads.
 
 use super::group::AnyGroup;
-use super::{Block, System, Values};
+use super::{Block, Curvature, System, Values};
 use crate::nlls::linear::matrix::{Pattern, Place};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -85,8 +85,9 @@ impl Places {
     }
 }
 
-/// What one chunk adds to the reduced system.
+/// What one chunk adds to the reduced system. Aligned, so that two threads share no cache line.
 #[derive(Clone, Default)]
+#[repr(align(128))]
 pub(super) struct Sums {
     values: Vec<f64>,
     /// Gradient of the reduced system.
@@ -229,12 +230,12 @@ impl Leaves {
         &self,
         system: &System,
         values: &Values,
-        damping: f64,
+        curvature: Curvature,
         sums: &mut [Sums],
         reduced: Reduced<'_>,
     ) -> Option<f64> {
         self.chunks.par_iter().zip(sums.par_iter_mut()).for_each(|(chunk, sums)| {
-            Arch::new().dispatch(|| self.eliminate_chunk(system, values, damping, chunk.clone(), sums));
+            Arch::new().dispatch(EliminateChunk(self, system, values, curvature, chunk.clone(), sums));
         });
         let sums = &*sums;
         let add = |out: &mut [f64], of: fn(&Sums) -> &[f64]| {
@@ -259,7 +260,7 @@ impl Leaves {
         &self,
         system: &System,
         values: &Values,
-        damping: f64,
+        curvature: Curvature,
         chunk: Range<usize>,
         sums: &mut Sums,
     ) {
@@ -269,14 +270,14 @@ impl Leaves {
         (sums.leaf_gradient, sums.singular) = (0.0, false);
         let mut local = std::mem::take(&mut sums.local);
         for leaf in chunk {
-            self.linearise(system, values, leaf, &mut local);
+            self.linearise(system, values, curvature, leaf, &mut local);
             let free = system.blocks[self.blocks[leaf]].free();
             let done = match free.len() {
-                3 => self.eliminate_leaf::<3>(system, free, damping, &mut local, sums),
-                6 => self.eliminate_leaf::<6>(system, free, damping, &mut local, sums),
-                1 => self.eliminate_leaf::<1>(system, free, damping, &mut local, sums),
-                2 => self.eliminate_leaf::<2>(system, free, damping, &mut local, sums),
-                9 => self.eliminate_leaf::<9>(system, free, damping, &mut local, sums),
+                3 => self.eliminate_leaf::<3>(system, free, curvature.damping, &mut local, sums),
+                6 => self.eliminate_leaf::<6>(system, free, curvature.damping, &mut local, sums),
+                1 => self.eliminate_leaf::<1>(system, free, curvature.damping, &mut local, sums),
+                2 => self.eliminate_leaf::<2>(system, free, curvature.damping, &mut local, sums),
+                9 => self.eliminate_leaf::<9>(system, free, curvature.damping, &mut local, sums),
                 other => unreachable!("leaves of {other} numbers are not declared"),
             };
             sums.singular |= done.is_none();
@@ -290,7 +291,14 @@ impl Leaves {
     }
 
     #[inline(always)]
-    fn linearise(&self, system: &System, values: &Values, leaf: usize, local: &mut Local) {
+    fn linearise(
+        &self,
+        system: &System,
+        values: &Values,
+        curvature: Curvature,
+        leaf: usize,
+        local: &mut Local,
+    ) {
         local.clear();
         let mut items = &self.items[self.starts[leaf]..self.starts[leaf + 1]];
         while let Some(&(group, _)) = items.first() {
@@ -300,6 +308,7 @@ impl Leaves {
                 self.blocks[leaf],
                 system,
                 values,
+                curvature.least_flatness,
                 local,
             );
             items = &items[end..];
@@ -357,7 +366,8 @@ impl Leaves {
         let jacobians = local.other.as_chunks::<D>().0.as_chunks::<2>().0;
         let reduced = local.reduced.as_chunks::<DE>().0.as_chunks::<2>().0;
         let residuals = local.residuals.as_chunks::<2>().0;
-        for (i, j_i) in jacobians.iter().enumerate() {
+        // Copies, so that what is added to is known to be something else.
+        for (i, &j_i) in jacobians.iter().enumerate() {
             let (e_i, r) = (&reduced[i], &residuals[i]);
             let position = local.parts[i].position;
             let start = self.places.starts[position];
@@ -377,7 +387,7 @@ impl Leaves {
             let cross = -dot(&e_i[0], &e_i[1]);
             let p = [[1.0 - dot(&e_i[0], &e_i[0]), cross], [cross, 1.0 - dot(&e_i[1], &e_i[1])]];
             let place = self.places.get(pattern, position, position);
-            add_lower::<D>(&mut sums.values, place, j_i, &times(&p, j_i));
+            add_lower::<D>(&mut sums.values, place, &j_i, &times(&p, &j_i));
             for j in 0..i {
                 let e_j = &reduced[j];
                 let p = [
@@ -388,16 +398,18 @@ impl Leaves {
                 let t = times(&p, &jacobians[j]);
                 if other == position {
                     // Twice in one image: this and its transpose.
-                    add_lower::<D>(&mut sums.values, place, j_i, &t);
-                    add_lower::<D>(&mut sums.values, place, &t, j_i);
+                    add_lower::<D>(&mut sums.values, place, &j_i, &t);
+                    add_lower::<D>(&mut sums.values, place, &t, &j_i);
                 } else {
                     let place = self.places.get(pattern, position, other);
                     for c in 0..D {
                         let at = place.column_start(c);
                         let column = &mut sums.values[at..at + D];
+                        let mut moved = [0.0; D];
                         for row in 0..D {
-                            column[row] += j_i[0][row] * t[0][c] + j_i[1][row] * t[1][c];
+                            moved[row] = column[row] + (j_i[0][row] * t[0][c] + j_i[1][row] * t[1][c]);
                         }
+                        column.copy_from_slice(&moved);
                     }
                 }
             }
@@ -476,7 +488,7 @@ impl Leaves {
         &self,
         system: &System,
         values: &Values,
-        damping: f64,
+        curvature: Curvature,
         sums: &mut [Sums],
         others: &[f64],
         steps: &mut [f64],
@@ -494,17 +506,8 @@ impl Leaves {
             .zip(pieces)
             .zip(sums.par_iter_mut())
             .map(|((chunk, steps), sums)| {
-                Arch::new().dispatch(|| {
-                    self.steps_of_chunk(
-                        system,
-                        values,
-                        damping,
-                        chunk.clone(),
-                        &mut sums.local,
-                        others,
-                        steps,
-                    )
-                })
+                let job = (self, system, values, curvature, chunk.clone(), &mut sums.local, others, steps);
+                Arch::new().dispatch(StepsOfChunk(job))
             })
             .collect();
         parts.iter().fold(LeafSteps::default(), |a, b| LeafSteps {
@@ -519,7 +522,7 @@ impl Leaves {
         &self,
         system: &System,
         values: &Values,
-        damping: f64,
+        curvature: Curvature,
         chunk: Range<usize>,
         local: &mut Local,
         others: &[f64],
@@ -528,15 +531,15 @@ impl Leaves {
         let first = self.steps[chunk.start];
         let mut sum = LeafSteps::default();
         for leaf in chunk {
-            self.linearise(system, values, leaf, local);
+            self.linearise(system, values, curvature, leaf, local);
             let free = system.blocks[self.blocks[leaf]].free();
             let step = &mut steps[self.steps[leaf] - first..self.steps[leaf + 1] - first];
             let part = match free.len() {
-                3 => self.step_of_leaf::<3>(free, damping, local, others, step),
-                6 => self.step_of_leaf::<6>(free, damping, local, others, step),
-                1 => self.step_of_leaf::<1>(free, damping, local, others, step),
-                2 => self.step_of_leaf::<2>(free, damping, local, others, step),
-                9 => self.step_of_leaf::<9>(free, damping, local, others, step),
+                3 => self.step_of_leaf::<3>(free, curvature.damping, local, others, step),
+                6 => self.step_of_leaf::<6>(free, curvature.damping, local, others, step),
+                1 => self.step_of_leaf::<1>(free, curvature.damping, local, others, step),
+                2 => self.step_of_leaf::<2>(free, curvature.damping, local, others, step),
+                9 => self.step_of_leaf::<9>(free, curvature.damping, local, others, step),
                 other => unreachable!("leaves of {other} numbers are not declared"),
             };
             sum.slope += part.slope;
@@ -582,6 +585,35 @@ impl Leaves {
             sum.squared += scale[c] * step[c] * step[c];
         }
         sum
+    }
+}
+
+/// [`Leaves::eliminate_chunk`] with the vector instructions that the machine has: a closure would not
+/// be compiled for them.
+struct EliminateChunk<'a>(&'a Leaves, &'a System, &'a Values, Curvature, Range<usize>, &'a mut Sums);
+
+impl WithSimd for EliminateChunk<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.eliminate_chunk(self.1, self.2, self.3, self.4, self.5);
+    }
+}
+
+/// [`Leaves::steps_of_chunk`] likewise.
+#[expect(clippy::type_complexity, reason = "the arguments of one call")]
+struct StepsOfChunk<'a>(
+    (&'a Leaves, &'a System, &'a Values, Curvature, Range<usize>, &'a mut Local, &'a [f64], &'a mut [f64]),
+);
+
+impl WithSimd for StepsOfChunk<'_> {
+    type Output = LeafSteps;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> LeafSteps {
+        let (leaves, system, values, curvature, chunk, local, others, steps) = self.0;
+        leaves.steps_of_chunk(system, values, curvature, chunk, local, others, steps)
     }
 }
 

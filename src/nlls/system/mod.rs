@@ -243,6 +243,22 @@ pub struct Normal {
     sums: Vec<Sums>,
 }
 
+/// What a quadratic model adds to the Gauss-Newton one, and what it takes from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Curvature {
+    /// Share of the diagonal of the normal matrix that is added to it.
+    pub damping: f64,
+    /// How flat the model may be along a residual whose loss bends, as a share of its curvature
+    /// across: 1 is iteratively re-weighted least squares, towards 0 Newton's method
+    /// ([`Loss::flatness`]).
+    pub least_flatness: f64,
+}
+
+impl Curvature {
+    /// Neither damped nor flattened.
+    pub const PLAIN: Curvature = Curvature { damping: 0.0, least_flatness: 1.0 };
+}
+
 /// A damped step and what the quadratic model says of it.
 pub struct Step {
     /// The perturbation of every free block.
@@ -281,6 +297,7 @@ impl System {
     }
 
     /// The value of a block.
+    #[inline(always)]
     pub fn value<'a>(&self, values: &'a Values, block: BlockId) -> &'a [f64] {
         let Block { manifold, start, .. } = self.blocks[block.0];
         &values.0[start..start + manifold.ambient()]
@@ -364,12 +381,12 @@ impl System {
         &step[start..start + self.blocks[block.0].manifold.tangent()]
     }
 
-    /// Linearises all measurements at `values` into `normal`. Leaves are eliminated with `damping`;
+    /// Linearises all measurements at `values` into `normal`. Leaves are eliminated with its damping;
     /// `None` where one of them is not determined.
-    pub fn linearise(&self, values: &Values, damping: f64, normal: &mut Normal) -> Option<()> {
+    pub fn linearise(&self, values: &Values, curvature: Curvature, normal: &mut Normal) -> Option<()> {
         for (group, linear) in self.groups.iter().zip(&mut normal.linear) {
             if let Some(linear) = linear {
-                group.linearise(self, values, linear);
+                group.linearise(self, values, curvature.least_flatness, linear);
             }
         }
         self.gather.assemble(&normal.linear, &mut normal.matrix, &mut normal.gradient);
@@ -378,7 +395,7 @@ impl System {
         if let Some(leaves) = &self.leaves {
             let Normal { matrix, gradient, diagonal, raw_gradient, sums, .. } = normal;
             let reduced = Reduced { values: matrix.values_mut(), gradient, raw_gradient, diagonal };
-            normal.leaf_gradient = leaves.eliminate(self, values, damping, sums, reduced)?;
+            normal.leaf_gradient = leaves.eliminate(self, values, curvature, sums, reduced)?;
         }
         for (block, position) in self.blocks.iter().zip(&self.position) {
             let Some(position) = *position else { continue };
@@ -397,7 +414,7 @@ impl System {
     pub fn back_substitute(
         &self,
         values: &Values,
-        damping: f64,
+        curvature: Curvature,
         normal: &mut Normal,
         others: Vec<f64>,
     ) -> Step {
@@ -411,7 +428,7 @@ impl System {
             let count = leaves.steps()[leaves.steps().len() - 1];
             step.delta.resize(n + count, 0.0);
             let (others, steps) = step.delta.split_at_mut(n);
-            let part = leaves.back_substitute(self, values, damping, &mut normal.sums, others, steps);
+            let part = leaves.back_substitute(self, values, curvature, &mut normal.sums, others, steps);
             step.slope += part.slope;
             step.squared += part.squared;
         }

@@ -140,7 +140,7 @@ fn dense(matrix: &BlockMatrix) -> DMatrix<f64> {
 
 fn linearised(system: &System) -> Normal {
     let mut normal = system.normal();
-    system.linearise(system.start(), 0.0, &mut normal).unwrap();
+    system.linearise(system.start(), Curvature::PLAIN, &mut normal).unwrap();
     normal
 }
 
@@ -215,18 +215,18 @@ fn normal_equations_and_step_are_those_of_a_dense_solver() {
 }
 
 /// The damped step of every block, and what the model says of it.
-fn step_of(system: &System, damping: f64) -> (Vec<Vec<f64>>, [f64; 3]) {
+fn step_of(system: &System, curvature: Curvature) -> (Vec<Vec<f64>>, [f64; 3]) {
     let mut normal = system.normal();
     let values = system.start();
-    system.linearise(values, damping, &mut normal).unwrap();
-    let extra: Vec<f64> = normal.scale().iter().map(|d| d * damping).collect();
+    system.linearise(values, curvature, &mut normal).unwrap();
+    let extra: Vec<f64> = normal.scale().iter().map(|d| d * curvature.damping).collect();
     normal.matrix.add_to_diagonal(&extra);
     let mut cholesky = Cholesky::analyse(system.pattern()).unwrap();
     cholesky.factorise(&normal.matrix).unwrap();
     let mut others: Vec<f64> = normal.gradient.iter().map(|g| -g).collect();
     cholesky.solve(&mut others);
     let largest = normal.largest_gradient();
-    let step = system.back_substitute(values, damping, &mut normal, others);
+    let step = system.back_substitute(values, curvature, &mut normal, others);
     let of = |block: usize| match system.step_start[block] {
         Some(_) => system.step_of(BlockId(block), &step.delta).to_vec(),
         None => Vec::new(),
@@ -237,9 +237,10 @@ fn step_of(system: &System, damping: f64) -> (Vec<Vec<f64>>, [f64; 3]) {
 #[track_caller]
 fn assert_same_step(whole: &System, with_leaves: &System) {
     assert!(with_leaves.has_leaves() && with_leaves.pattern().size() < whole.pattern().size());
-    for damping in [0.0, 1e-4, 10.0] {
-        let (wanted, model) = step_of(whole, damping);
-        let (found, found_model) = step_of(with_leaves, damping);
+    for (damping, least_flatness) in [(0.0, 1.0), (1e-4, 1.0), (10.0, 1.0), (1e-4, 0.05)] {
+        let curvature = Curvature { damping, least_flatness };
+        let (wanted, model) = step_of(whole, curvature);
+        let (found, found_model) = step_of(with_leaves, curvature);
         let (wanted, found) = (DVector::from_vec(wanted.concat()), DVector::from_vec(found.concat()));
         let gap = (&found - &wanted).norm() / wanted.norm();
         assert!(gap < 1e-10, "damping {damping}: {gap:e}");
