@@ -7,7 +7,7 @@
 
 use crate::geometry::rotation::{exp, log, right_jacobian_inverse};
 use crate::geometry::{self, Pose};
-use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 
 /// The most numbers that perturb one block.
 pub const MAX_TANGENT: usize = 9;
@@ -99,6 +99,22 @@ pub fn pose_minus_jacobian(y: &Pose, x: &Pose) -> Matrix6<f64> {
     jacobian
 }
 
+/// The perturbation of `body` that looks from `observer` like a perturbation of the observer, 6 x 6:
+/// who sees the body from the observer alone cannot tell the two apart.
+///
+/// ```text
+/// X = Ro^T (Rb M + tb - to):   dtb = -dto + [tb - to]x Ro dro,   drb = -Rb^T Ro dro
+/// ```
+pub fn body_from_observer_motion(observer: &Pose, body: &Pose) -> Matrix6<f64> {
+    let (turn, own) = (observer.rotation.to_rotation_matrix(), body.rotation.to_rotation_matrix());
+    let between = body.translation.vector - observer.translation.vector;
+    let mut motion = Matrix6::zeros();
+    motion.fixed_view_mut::<3, 3>(0, 0).copy_from(&-Matrix3::identity());
+    motion.fixed_view_mut::<3, 3>(0, 3).copy_from(&(geometry::skew(&between) * turn.matrix()));
+    motion.fixed_view_mut::<3, 3>(3, 3).copy_from(&-(own.matrix().transpose() * turn.matrix()));
+    motion
+}
+
 /// The pose stored in seven numbers, as they are (they hold a unit quaternion).
 pub fn read_pose(x: &[f64]) -> Pose {
     use nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -154,6 +170,28 @@ mod tests {
             let with_lens = [x.as_slice(), &[2.0, -1.0]].concat();
             let delta = [0.1, -4.0, 2.0, turn.x, turn.y, turn.z, 0.5, 0.25];
             obeys_the_laws(Manifold::PoseAndVector(2), &with_lens, &delta);
+        }
+    }
+
+    #[test]
+    fn a_motion_of_the_observer_looks_like_one_of_the_body() {
+        let observer = geometry::pose([1.0, 2.0, 30.0], [0.1, 0.9, 0.2, -0.3]);
+        let body = geometry::pose([4.0, -2.5, 1.0], [0.7, -0.4, 0.1, 0.3]);
+        let point = Point3::new(1.0, -0.5, 1.5);
+        let moved = |pose: &Pose, delta: &[f64]| {
+            let mut out = [0.0; 7];
+            Manifold::Pose.plus(&write_pose(pose), delta, &mut out);
+            read_pose(&out)
+        };
+        let motion = body_from_observer_motion(&observer, &body);
+        for column in 0..6 {
+            let mut delta = [0.0; 6];
+            delta[column] = 1e-6;
+            let seen = moved(&observer, &delta).inverse() * (body * point);
+            let same: Vector6<f64> = motion.column(column) * 1e-6;
+            let wanted = observer.inverse() * (moved(&body, same.as_slice()) * point);
+            assert!((seen - wanted).norm() < 1e-9, "column {column}: {}", (seen - wanted).norm());
+            assert!((seen - observer.inverse() * (body * point)).norm() > 1e-7);
         }
     }
 

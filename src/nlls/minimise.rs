@@ -14,7 +14,7 @@
 
 use super::linear::cholesky::{Cholesky, Singular, TooLarge};
 use super::linear::matrix::BlockMatrix;
-use super::system::{Cost, Curvature, Normal, Step, System, Values};
+use super::system::{Cost, Curvature, FramesFactor, Normal, Step, System, Values};
 use argmin::core::observers::{Observe, ObserverMode};
 use argmin::core::{Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use std::collections::HashMap;
@@ -185,14 +185,49 @@ pub struct StageSeconds {
 /// Where the minimiser reports each iteration.
 pub type Watch = Box<dyn FnMut(&IterationRecord)>;
 
+/// The factors of the normal matrix of a system.
+pub enum Factors {
+    /// Sparse.
+    Sparse {
+        /// The damped matrix, where it is not formed with its damping at once.
+        damped: Option<BlockMatrix>,
+        /// Its factor.
+        cholesky: Box<Cholesky>,
+    },
+    /// Frames first.
+    Frames(Box<FramesFactor>),
+}
+
+impl Factors {
+    fn factorise(&mut self, system: &System, normal: &mut Normal, extra: &[f64]) -> Result<(), Singular> {
+        match self {
+            Factors::Sparse { damped: Some(damped), cholesky } => {
+                damped.copy_with_diagonal(&normal.matrix, extra);
+                cholesky.factorise(damped)
+            }
+            Factors::Sparse { damped: None, cholesky } => {
+                normal.matrix.add_to_diagonal(extra);
+                cholesky.factorise(&normal.matrix)
+            }
+            Factors::Frames(factor) => system.factorise_frames(normal, extra, factor),
+        }
+    }
+
+    /// Solves for right-hand sides in elimination order, in place.
+    pub fn solve(&mut self, system: &System, normal: &Normal, b: &mut [f64]) {
+        match self {
+            Factors::Sparse { cholesky, .. } => cholesky.solve(b),
+            Factors::Frames(factor) => system.solve_frames(normal, factor, b),
+        }
+    }
+}
+
 /// The minimiser of one system, with its workspace: the symbolic factorisation is made once, and the
 /// last factors stay for those who want variances.
 pub struct Minimiser {
     options: MinimiserOptions,
     normal: Normal,
-    /// The damped matrix, where it is not formed with its damping at once.
-    damped: Option<BlockMatrix>,
-    cholesky: Cholesky,
+    factors: Factors,
     damping: f64,
     least_flatness: f64,
     /// By what the damping is multiplied at the next rejection.
@@ -208,13 +243,17 @@ impl Minimiser {
     /// A minimiser of `system`.
     pub fn new(system: &System) -> Result<Self, TooLarge> {
         let normal = system.normal();
-        let cholesky = Cholesky::analyse(&normal.matrix)?;
-        let damped = (!system.has_leaves()).then(|| normal.matrix.clone());
+        let factors = if system.has_frames() {
+            Factors::Frames(Box::new(system.frames_factor()?))
+        } else {
+            let cholesky = Box::new(Cholesky::analyse(&normal.matrix)?);
+            let damped = (!system.has_leaves()).then(|| normal.matrix.clone());
+            Factors::Sparse { damped, cholesky }
+        };
         Ok(Minimiser {
             options: MinimiserOptions::default(),
             normal,
-            damped,
-            cholesky,
+            factors,
             damping: FIRST_DAMPING,
             least_flatness: 1.0,
             growth: 1.0,
@@ -259,18 +298,15 @@ impl Minimiser {
 
     /// The linearisation at the last values that a step was made from, and the factor of its normal
     /// matrix. Nothing but a step that was hardly damped lies between them and the minimum.
-    pub fn factors(
-        &mut self,
-        system: &System,
-        values: &Values,
-    ) -> Result<(&Normal, &mut Cholesky), Singular> {
+    pub fn factors(&mut self, system: &System, values: &Values) -> Result<(&Normal, &mut Factors), Singular> {
         if self.factor_damping > HARDLY_DAMPED {
             system.linearise(values, Curvature::PLAIN, &mut self.normal).ok_or(Singular)?;
             self.linearised = Some(Curvature::PLAIN);
-            self.cholesky.factorise(&self.normal.matrix)?;
+            let undamped = vec![0.0; self.normal.matrix.size()];
+            self.factors.factorise(system, &mut self.normal, &undamped)?;
             self.factor_damping = 0.0;
         }
-        Ok((&self.normal, &mut self.cholesky))
+        Ok((&self.normal, &mut self.factors))
     }
 
     /// Linearises at `values`, unless that is done; `None` where the system cannot be solved.
@@ -296,21 +332,16 @@ impl Minimiser {
         let begin = Instant::now();
         let extra: Vec<f64> = self.normal.scale().iter().map(|d| d * self.damping).collect();
         self.factor_damping = f64::INFINITY;
-        match &mut self.damped {
-            Some(damped) => {
-                damped.copy_with_diagonal(&self.normal.matrix, &extra);
-                self.cholesky.factorise(damped).ok()?;
-            }
-            None => {
-                // Formed for this damping alone.
-                self.normal.matrix.add_to_diagonal(&extra);
-                self.linearised = None;
-                self.cholesky.factorise(&self.normal.matrix).ok()?;
-            }
+        if system.has_leaves() {
+            // Formed for this damping alone.
+            self.linearised = None;
         }
+        self.factors.factorise(system, &mut self.normal, &extra).ok()?;
         self.factor_damping = self.damping;
-        let mut others: Vec<f64> = self.normal.gradient.iter().map(|g| -g).collect();
-        self.cholesky.solve(&mut others);
+        let gradient =
+            if system.has_frames() { self.normal.raw_gradient() } else { self.normal.gradient.as_slice() };
+        let mut others: Vec<f64> = gradient.iter().map(|g| -g).collect();
+        self.factors.solve(system, &self.normal, &mut others);
         self.stages.factorise += begin.elapsed().as_secs_f64();
         let begin = Instant::now();
         let step = system.back_substitute(values, self.curvature(), &mut self.normal, others);
@@ -687,10 +718,10 @@ mod tests {
         let system = valley();
         let mut minimiser = Minimiser::new(&system).unwrap();
         let minimum = minimiser.run(&system, system.start(), MinimiserOptions::default(), None);
-        let (_, cholesky) = minimiser.factors(&system, &minimum.values).unwrap();
+        let (normal, factors) = minimiser.factors(&system, &minimum.values).unwrap();
         // H at (1, 1) is J^T J with J = [-20 10; -1 0].
-        let mut right = [401.0, -200.0];
-        cholesky.solve(&mut right);
+        let mut right = [401.0_f64, -200.0];
+        factors.solve(&system, normal, &mut right);
         assert!((right[0] - 1.0).abs() < 1e-4 && right[1].abs() < 1e-4, "{right:?}");
     }
 }

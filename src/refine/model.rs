@@ -7,7 +7,7 @@ use crate::estimate::{Estimate, VehicleEstimate};
 use crate::nlls::loss::Loss;
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
 use crate::nlls::minimise::Minimiser;
-use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, Values};
+use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, TimeStep, Values};
 use crate::problem::{GroundKnowledge, Known, Problem, Role};
 use crate::residuals::ground_contact::{FirstContact, NextContact};
 use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
@@ -108,6 +108,11 @@ impl Model {
         add_usual_sizes(&mut builder, start, &blocks);
         add_tie_points(&mut builder, problem, current, &blocks);
         let motion = add_motion(&mut builder, problem, &blocks, priors);
+        let steps = blocks.cameras.iter().enumerate().map(|(frame, camera)| TimeStep {
+            observer: Some(*camera),
+            bodies: blocks.vehicles.iter().filter_map(|vehicle| vehicle.poses[frame]).collect(),
+        });
+        builder.along_time(steps.collect(), vec![images[0]]);
         let system = builder.build();
         Model {
             system,

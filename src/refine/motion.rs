@@ -221,7 +221,7 @@ impl Motion {
         if estimated.is_empty() {
             return Ok(1.0);
         }
-        let (normal, cholesky) = minimiser.factors(system, values).map_err(|e| NoSolution(e.to_string()))?;
+        let (normal, factors) = minimiser.factors(system, values).map_err(|e| NoSolution(e.to_string()))?;
         let n = normal.matrix.size();
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let mut products = Vec::with_capacity(n * PROBES * estimated.len());
@@ -233,7 +233,7 @@ impl Motion {
             }
         }
         let mut solutions = products.clone();
-        cholesky.solve(&mut solutions);
+        factors.solve(system, normal, &mut solutions);
         let dots: Vec<f64> = products
             .chunks_exact(n)
             .zip(solutions.chunks_exact(n))

@@ -204,7 +204,6 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
     let observations = 2 * both.len() + prior_rows;
     let parameters = model.system.parameters();
     let redundancy = observations as i64 - parameters as i64;
-    let ordering = model.system.pattern().ordering();
     let mut warnings = model.warnings.clone();
     if !minimum.stop.converged() {
         warnings.push(format!("the adjustment has not converged: {}", minimum.stop));
@@ -231,7 +230,7 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
         spread,
         motion: model.motion.strengths(&model.system),
         check_points: check_points(problem, estimate),
-        elimination: (ordering.rule, ordering.flops),
+        elimination: model.system.elimination(),
         warnings,
     }
 }

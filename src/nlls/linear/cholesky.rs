@@ -2,12 +2,14 @@
 
 use super::matrix::{BlockMatrix, Pattern};
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
+use faer::linalg::cholesky::llt;
 use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
 };
-use faer::{Conj, MatMut, Par, Side};
+use faer::{Conj, MatMut, MatRef, Par, Side};
+use nalgebra::DMatrix;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// Factor of a matrix `A = L L^T` and the workspace to make it again with other values.
@@ -102,6 +104,81 @@ impl Cholesky {
             );
         };
         threads.install(|| b.chunks_mut(n * MAX_RIGHT_SIDES).for_each(solve));
+    }
+}
+
+/// Factor of a dense matrix, on threads of its own as [`Cholesky`].
+pub struct DenseCholesky {
+    matrix: DMatrix<f64>,
+    workspace: MemBuffer,
+    threads: ThreadPool,
+    parallelism: Par,
+}
+
+impl DenseCholesky {
+    /// Room for a matrix of `n` rows, to be made and factorised in `flops` operations.
+    pub fn new(n: usize, flops: f64) -> Result<Self, TooLarge> {
+        let count = if flops > SHARED_FLOPS { rayon::current_num_threads() } else { 1 };
+        let threads = ThreadPoolBuilder::new().num_threads(count).build().map_err(|_| TooLarge)?;
+        let parallelism = if count == 1 { Par::Seq } else { Par::rayon(count) };
+        let request = StackReq::any_of(&[
+            llt::factor::cholesky_in_place_scratch::<f64>(n, parallelism, Default::default()),
+            llt::solve::solve_in_place_scratch::<f64>(n, MAX_RIGHT_SIDES, Par::Seq),
+        ]);
+        let workspace = MemBuffer::try_new(request).map_err(|_| TooLarge)?;
+        let mut values = Vec::new();
+        values.try_reserve_exact(n * n).map_err(|_| TooLarge)?;
+        values.resize(n * n, 0.0);
+        let matrix = DMatrix::from_vec(n, n, values);
+        Ok(DenseCholesky { matrix, workspace, threads, parallelism })
+    }
+
+    /// The matrix, of which the lower triangle counts; after the factorisation its factor.
+    pub fn matrix_mut(&mut self) -> &mut DMatrix<f64> {
+        &mut self.matrix
+    }
+
+    /// Runs `work` on the matrix, on these threads, whose number it is told.
+    pub fn install(&mut self, work: impl FnOnce(&mut DMatrix<f64>, usize) + Send) {
+        let DenseCholesky { matrix, threads, .. } = self;
+        threads.install(|| work(matrix, threads.current_num_threads()));
+    }
+
+    /// Factorises the matrix.
+    pub fn factorise(&mut self) -> Result<(), Singular> {
+        let DenseCholesky { matrix, workspace, threads, parallelism } = self;
+        let n = matrix.nrows();
+        threads.install(|| {
+            let matrix = MatMut::from_column_major_slice_mut(matrix.as_mut_slice(), n, n);
+            let stack = MemStack::new(workspace);
+            llt::factor::cholesky_in_place(
+                matrix,
+                Default::default(),
+                *parallelism,
+                stack,
+                Default::default(),
+            )
+            .map(|_| ())
+            .map_err(|_| Singular)
+        })
+    }
+
+    /// Solves for the columns of `b` in place.
+    pub fn solve(&mut self, b: &mut DMatrix<f64>) {
+        let DenseCholesky { matrix, workspace, threads, .. } = self;
+        let n = matrix.nrows();
+        if n == 0 {
+            return;
+        }
+        threads.install(|| {
+            let factor = MatRef::from_column_major_slice(matrix.as_slice(), n, n);
+            for columns in b.as_mut_slice().chunks_mut(n * MAX_RIGHT_SIDES) {
+                let count = columns.len() / n;
+                let side = MatMut::from_column_major_slice_mut(columns, n, count);
+                let stack = MemStack::new(workspace);
+                llt::solve::solve_in_place_with_conj(factor, Conj::No, side, Par::Seq, stack);
+            }
+        });
     }
 }
 

@@ -143,6 +143,11 @@ impl Pattern {
         self.symbolic.as_ref()
     }
 
+    /// Position of the block of a scalar index.
+    pub fn position_of(&self, index: usize) -> usize {
+        self.starts.partition_point(|start| *start <= index) - 1
+    }
+
     /// For each column its block rows, diagonal first, sorted.
     pub fn rows(&self) -> &[Vec<usize>] {
         &self.rows
@@ -239,6 +244,16 @@ impl BlockMatrix {
         let BlockMatrix { pattern, values } = self;
         for (start, extra) in pattern.symbolic.col_ptr().iter().zip(extra) {
             values[*start] += extra;
+        }
+    }
+
+    /// Every entry of the lower triangle: row, column, value.
+    pub fn for_each_entry(&self, mut give: impl FnMut(usize, usize, f64)) {
+        let (starts, rows) = (self.symbolic.col_ptr(), self.symbolic.row_idx());
+        for column in 0..self.size() {
+            for at in starts[column]..starts[column + 1] {
+                give(rows[at], column, self.values[at]);
+            }
         }
     }
 

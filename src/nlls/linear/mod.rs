@@ -21,6 +21,7 @@
 //! so that the work grows linearly with the length of the film. Where that is not best (few points
 //! a frame, long films), an approximate minimum degree order is; [`ordering`] counts both.
 
+pub mod chain;
 pub mod cholesky;
 pub mod matrix;
 pub mod ordering;

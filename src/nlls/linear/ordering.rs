@@ -22,6 +22,8 @@ pub enum Rule {
     AsDeclared,
     /// Approximate minimum degree on the graph of the blocks.
     MinimumDegree,
+    /// Frames by the innovations of what image points see of them, then shapes and the rest, dense.
+    FramesFirst,
 }
 
 /// The cheaper of the declared order and approximate minimum degree, by counted operations.

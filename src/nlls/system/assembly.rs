@@ -31,12 +31,12 @@ pub(super) struct Gather {
 }
 
 impl Gather {
-    /// For the measurements that `has_leaf` does not take away.
+    /// For the measurements that are not taken care of elsewhere.
     pub fn new(
         matrix: &Pattern,
         groups: &[Box<dyn AnyGroup>],
         position: &[Option<usize>],
-        has_leaf: &dyn Fn(&[BlockId]) -> bool,
+        is_taken: &dyn Fn(usize, &[BlockId]) -> bool,
     ) -> Self {
         let mut column_starts = vec![0];
         matrix
@@ -53,7 +53,7 @@ impl Gather {
                 let starts = group.column_starts();
                 for item in 0..group.len() {
                     let blocks = group.blocks(item);
-                    if has_leaf(blocks) {
+                    if is_taken(group_index, blocks) {
                         continue;
                     }
                     for (i, a) in blocks.iter().enumerate() {
@@ -83,8 +83,11 @@ impl Gather {
         for block in 1..share_starts.len() {
             share_starts[block] += share_starts[block - 1];
         }
-        let takes_part = |group: &dyn AnyGroup| (0..group.len()).any(|item| !has_leaf(group.blocks(item)));
-        let takes_part = groups.iter().map(|group| takes_part(&**group)).collect();
+        let takes_part = |index: usize, group: &dyn AnyGroup| {
+            (0..group.len()).any(|item| !is_taken(index, group.blocks(item)))
+        };
+        let takes_part =
+            groups.iter().enumerate().map(|(index, group)| takes_part(index, &**group)).collect();
         let mut next = share_starts.clone();
         let mut shares = vec![Share::default(); share_starts[share_starts.len() - 1]];
         for_each_share(&mut |block, share| {

@@ -186,7 +186,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
         let (first_part, mut width) = (local.parts.len(), 0);
         local.residuals.extend_from_slice(weighed.residual.as_slice());
         for (block, manifold) in measurement.blocks.iter().zip(R::MANIFOLDS) {
-            if let Some(position) = system.position[block.0] {
+            if let Some(position) = system.position[block.0].filter(|_| block.0 != leaf) {
                 local.parts.push(Part { position, dim: manifold.tangent(), column: width });
                 width += manifold.tangent();
             }

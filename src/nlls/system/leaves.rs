@@ -139,7 +139,7 @@ pub(super) struct Part {
 }
 
 impl Local {
-    fn clear(&mut self) {
+    pub fn clear(&mut self) {
         self.entries.clear();
         self.parts.clear();
         self.residuals.clear();

@@ -4,19 +4,24 @@
 //! depends on neither chance nor the number of threads.
 
 mod assembly;
+mod frames;
 mod group;
 mod leaves;
 mod orbit;
 #[cfg(test)]
 mod tests;
 
+pub use frames::{FramesFactor, TimeStep};
 pub use group::{IMPOSSIBLE_SIGMAS, Measurement};
 
+use super::linear::cholesky::{Singular, TooLarge};
 use super::linear::matrix::{BlockMatrix, Pattern};
+use super::linear::ordering::Rule;
 use super::loss::Loss;
 use super::manifold::{MAX_TANGENT, Manifold};
 use super::residual::Residual;
 use assembly::Gather;
+use frames::{Frames, FramesLinear};
 use group::{AnyGroup, Group, Linear};
 use leaves::{Leaves, Reduced, Sums, clamped};
 use orbit::Orbit;
@@ -59,6 +64,8 @@ pub struct SystemBuilder {
     groups: Vec<Box<dyn AnyGroup>>,
     orbits: Vec<Orbit>,
     leaves: Vec<BlockId>,
+    steps: Vec<TimeStep>,
+    relative: Vec<usize>,
 }
 
 impl SystemBuilder {
@@ -112,6 +119,15 @@ impl SystemBuilder {
         self.leaves.extend(leaves);
     }
 
+    /// Declares the poses of each moment, in time order, and the groups whose measurements see a point
+    /// (their third block) of a body (the second) from an observer (the first) of the same moment, and
+    /// both poses only as they lie to each other. Frames are then eliminated first, where that can be
+    /// done and is worth it.
+    pub fn along_time(&mut self, steps: Vec<TimeStep>, relative: Vec<GroupId>) {
+        self.steps = steps;
+        self.relative = relative.iter().map(|group| group.0).collect();
+    }
+
     /// Finds the pattern of the normal matrix and its elimination order. Blocks that no measurement
     /// sees are held.
     pub fn build(mut self) -> System {
@@ -134,10 +150,31 @@ impl SystemBuilder {
         let mut unknown = vec![None; self.blocks.len()];
         others.iter().enumerate().for_each(|(u, &block)| unknown[block] = Some(u));
         let dims: Vec<usize> = others.iter().map(|&b| self.blocks[b].manifold.tangent()).collect();
-        let pattern = Arc::new(Pattern::new(&dims, pairs(&self.groups, &is_leaf, &leaf_blocks, &unknown)));
-        let position: Vec<Option<usize>> = unknown.iter().map(|u| u.map(|u| pattern.position(u))).collect();
-        let has_leaf = |blocks: &[BlockId]| blocks.iter().any(|b| is_leaf[b.0]);
-        let gather = Gather::new(&pattern, &self.groups, &position, &has_leaf);
+        let structure = |without: &[usize]| {
+            let pairs = pairs(&self.groups, without, &is_leaf, &leaf_blocks, &unknown);
+            let pattern = Arc::new(Pattern::new(&dims, pairs));
+            let position: Vec<Option<usize>> =
+                unknown.iter().map(|u| u.map(|u| pattern.position(u))).collect();
+            (pattern, position)
+        };
+        let by_frames = || {
+            let (pattern, position) = structure(&self.relative);
+            let blocks = &self.blocks;
+            let frames = Frames::new(&self.steps, &self.relative, blocks, &self.groups, &position, &pattern)?;
+            Some((pattern, position, frames))
+        };
+        let wants_frames = leaf_blocks.is_empty() && !self.relative.is_empty();
+        let (pattern, position, frames) = match wants_frames.then(by_frames).flatten() {
+            Some((pattern, position, frames)) => (pattern, position, Some(frames)),
+            None => {
+                let (pattern, position) = structure(&[]);
+                (pattern, position, None)
+            }
+        };
+        let is_taken = |group: usize, blocks: &[BlockId]| {
+            (frames.is_some() && self.relative.contains(&group)) || blocks.iter().any(|b| is_leaf[b.0])
+        };
+        let gather = Gather::new(&pattern, &self.groups, &position, &is_taken);
         let leaves = (!leaf_blocks.is_empty())
             .then(|| Leaves::new(&leaf_blocks, &self.blocks, &self.groups, &position, &pattern));
         let mut step_start: Vec<Option<usize>> =
@@ -163,6 +200,7 @@ impl SystemBuilder {
             pattern,
             gather,
             leaves,
+            frames,
         }
     }
 }
@@ -170,6 +208,7 @@ impl SystemBuilder {
 /// Pairs of unknowns that share a measurement, or a leaf that is eliminated before them.
 fn pairs(
     groups: &[Box<dyn AnyGroup>],
+    without: &[usize],
     is_leaf: &[bool],
     leaf_blocks: &[usize],
     unknown: &[Option<usize>],
@@ -178,7 +217,10 @@ fn pairs(
     leaf_blocks.iter().enumerate().for_each(|(at, &block)| leaf_of[block] = at);
     let mut around: Vec<Vec<u32>> = vec![Vec::new(); leaf_blocks.len()];
     let mut pairs = Vec::new();
-    for group in groups {
+    for (index, group) in groups.iter().enumerate() {
+        if without.contains(&index) {
+            continue;
+        }
         for item in 0..group.len() {
             let blocks = group.blocks(item);
             let mut leaves = blocks.iter().filter(|b| is_leaf[b.0]);
@@ -224,6 +266,7 @@ pub struct System {
     pattern: Arc<Pattern>,
     gather: Gather,
     leaves: Option<Leaves>,
+    frames: Option<Frames>,
     orbits: Vec<Orbit>,
 }
 
@@ -241,6 +284,7 @@ pub struct Normal {
     leaf_gradient: f64,
     linear: Vec<Option<Linear>>,
     sums: Vec<Sums>,
+    frames: Option<FramesLinear>,
 }
 
 /// What a quadratic model adds to the Gauss-Newton one, and what it takes from it.
@@ -273,6 +317,11 @@ impl Normal {
     /// Largest entry of the gradient.
     pub fn largest_gradient(&self) -> f64 {
         self.raw_gradient.iter().fold(self.leaf_gradient, |a, g| a.max(g.abs()))
+    }
+
+    /// Gradient of all blocks that are no leaves, before the elimination of leaves.
+    pub fn raw_gradient(&self) -> &[f64] {
+        &self.raw_gradient
     }
 
     /// What the damping of the others is multiplied by.
@@ -360,6 +409,39 @@ impl System {
         self.groups[group.0].squared_norms(self, values)
     }
 
+    /// Whether frames are eliminated first.
+    pub fn has_frames(&self) -> bool {
+        self.frames.is_some()
+    }
+
+    /// In which order the unknowns are eliminated, and operations of one factorisation.
+    pub fn elimination(&self) -> (Rule, f64) {
+        match &self.frames {
+            Some(frames) => (Rule::FramesFirst, frames.flops),
+            None => (self.pattern.ordering().rule, self.pattern.ordering().flops),
+        }
+    }
+
+    /// Room for the factors where frames are eliminated first.
+    pub fn frames_factor(&self) -> Result<FramesFactor, TooLarge> {
+        FramesFactor::new(self.frames.as_ref().expect("frames are eliminated first"))
+    }
+
+    /// Factorises the normal matrix with `extra` on its diagonal, frames first.
+    pub fn factorise_frames(
+        &self,
+        normal: &Normal,
+        extra: &[f64],
+        factor: &mut FramesFactor,
+    ) -> Result<(), Singular> {
+        factor.factorise(self.frames.as_ref().expect("frames are eliminated first"), normal, extra)
+    }
+
+    /// Solves with these factors in place, for right-hand sides in elimination order.
+    pub fn solve_frames(&self, normal: &Normal, factor: &mut FramesFactor, b: &mut [f64]) {
+        factor.solve(self.frames.as_ref().expect("frames are eliminated first"), normal, b);
+    }
+
     /// `values` moved by a step.
     pub fn plus(&self, values: &Values, step: &[f64]) -> Values {
         let mut moved = values.clone();
@@ -396,6 +478,10 @@ impl System {
             let Normal { matrix, gradient, diagonal, raw_gradient, sums, .. } = normal;
             let reduced = Reduced { values: matrix.values_mut(), gradient, raw_gradient, diagonal };
             normal.leaf_gradient = leaves.eliminate(self, values, curvature, sums, reduced)?;
+        }
+        if let (Some(frames), Some(linear)) = (&self.frames, &mut normal.frames) {
+            let (gradient, diagonal) = (&mut normal.raw_gradient, &mut normal.diagonal);
+            frames.linearise(self, values, curvature, linear, gradient, diagonal);
         }
         for (block, position) in self.blocks.iter().zip(&self.position) {
             let Some(position) = *position else { continue };
@@ -450,6 +536,7 @@ impl System {
             raw_gradient: vec![0.0; n],
             leaf_gradient: 0.0,
             linear: linear.collect(),
+            frames: self.frames.as_ref().map(Frames::linear),
             sums: self.leaves.as_ref().map_or(Vec::new(), |leaves| leaves.sums(&self.pattern)),
         }
     }

@@ -488,3 +488,193 @@ fn the_exact_update_is_the_plain_one_to_first_order() {
     assert!(gap(1e-2) > 1e-6, "they differ");
     assert!((gap(1e-3) / gap(1e-2) - 0.01).abs() < 0.002, "by the square of the step");
 }
+
+/// What an observer sees of a point of a body.
+struct Sight([f64; 2]);
+
+impl Residual<2, 3> for Sight {
+    const MANIFOLDS: [Manifold; 3] = [Manifold::Pose, Manifold::Pose, Manifold::POINT];
+    fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<2, 3>>) -> Option<SVector<f64, 2>> {
+        let (observer, body) = (read_pose(x[0]), read_pose(x[1]));
+        let point = crate::nlls::manifold::read_point(x[2]);
+        let local = observer.inverse_transform_point(&(body * point));
+        let ray = SVector::<f64, 2>::new(local.x, local.y) / local.z;
+        if let Some(jacobian) = jacobian {
+            let by_local = SMatrix::<f64, 2, 3>::new(1.0, 0.0, -ray.x, 0.0, 1.0, -ray.y) / local.z;
+            let to_local = observer.rotation.inverse().to_rotation_matrix();
+            let by_world = by_local * to_local.matrix();
+            let by_point = by_world * body.rotation.to_rotation_matrix().matrix();
+            jacobian.set(0, 0, &-by_world);
+            jacobian.set(0, 3, &(by_local * crate::geometry::skew(&local.coords)));
+            jacobian.set(1, 0, &by_world);
+            jacobian.set(1, 3, &-(by_point * crate::geometry::skew(&point.coords)));
+            jacobian.set(2, 0, &by_point);
+        }
+        Some(ray - SVector::from(self.0))
+    }
+}
+
+/// Difference of a pose from a given one.
+struct Near(crate::geometry::Pose);
+
+impl Residual<6, 1> for Near {
+    const MANIFOLDS: [Manifold; 1] = [Manifold::Pose];
+    fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<6, 1>>) -> Option<SVector<f64, 6>> {
+        let pose = read_pose(x[0]);
+        if let Some(jacobian) = jacobian {
+            jacobian.set(0, 0, &pose_minus_jacobian(&pose, &self.0));
+        }
+        Some(pose_minus(&pose, &self.0))
+    }
+}
+
+/// Seven moments of two bodies under one observer; a body is not there at two of them, a point is held in
+/// part and another whole; observers and bodies move smoothly, and see static points and a scalar.
+fn film(frames: bool, held_observers: bool, loss: Loss) -> System {
+    let mut builder = SystemBuilder::default();
+    let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
+    let near = |k: f64, z: f64| {
+        crate::geometry::Pose::from_parts(
+            (wave(k) * 0.3 + Vector3::z() * z).into(),
+            exp(&(wave(k + 3.0) * 0.2)),
+        )
+    };
+    let moments = 7;
+    let observers: Vec<BlockId> = (0..moments)
+        .map(|t| {
+            let start = write_pose(&near(f64::from(t), -10.0));
+            builder.add_block(Manifold::Pose, &start, &[!held_observers; 6])
+        })
+        .collect();
+    let bodies: Vec<Vec<BlockId>> = (0..2)
+        .map(|b| {
+            let pose = |t: i32| write_pose(&near(20.0 + f64::from(10 * b + t), 0.0));
+            (0..moments).map(|t| builder.add_block(Manifold::Pose, &pose(t), &[true; 6])).collect()
+        })
+        .collect();
+    let is_there = |b: usize, t: usize| b == 0 || !(2..4).contains(&t);
+    let mut add = |k: f64, free: [bool; 3]| builder.add_block(Manifold::POINT, wave(k).as_slice(), &free);
+    let points: Vec<Vec<BlockId>> = (0..2)
+        .map(|b| {
+            let free = |i: i32| match i {
+                1 => [true, false, true],
+                2 => [false; 3],
+                _ => [true; 3],
+            };
+            (0..6).map(|i| add(f64::from(50 + 10 * b + i), free(i))).collect()
+        })
+        .collect();
+    let statics: Vec<BlockId> = (0..4).map(|i| add(80.0 + f64::from(i), [true; 3])).collect();
+    let scalar = builder.add_block(Manifold::SCALAR, &[0.2], &[true]);
+
+    let mut seen = Vec::new();
+    for t in 0..moments as usize {
+        for b in (0..2).filter(|b| is_there(*b, t)) {
+            for (i, point) in points[b].iter().enumerate().filter(|(i, _)| (i + t) % 4 != 0) {
+                let pixel = wave((t * 20 + b * 9 + i) as f64) * if i == 5 { 0.5 } else { 0.05 };
+                let blocks = [observers[t], bodies[b][t], *point];
+                seen.push(Measurement { residual: Sight([pixel.x, pixel.y]), blocks, sigma: [0.01, 0.02] });
+            }
+        }
+    }
+    let sights = builder.add_group("sights", loss, seen);
+    let mut between = Vec::new();
+    let chains = [&observers, &bodies[0], &bodies[1]];
+    for (c, chain) in chains.into_iter().enumerate() {
+        let there: Vec<usize> = (0..moments as usize).filter(|t| c < 2 || is_there(1, *t)).collect();
+        for pair in there.windows(2) {
+            between.push(Measurement {
+                residual: Between(pose([0.1, 0.0, 0.1], [1.0, 0.0, 0.0, 0.0])),
+                blocks: [chain[pair[1]], chain[pair[0]]],
+                sigma: [0.3, 0.3, 0.3, 0.1, 0.1, 0.1],
+            });
+        }
+    }
+    builder.add_group("motion", Loss::Squared, between);
+    let known = chains.into_iter().flatten().map(|pose| Measurement {
+        residual: Near(near(1.0, 0.0)),
+        blocks: [*pose],
+        sigma: [3.0, 3.0, 3.0, 1.0, 1.0, 1.0],
+    });
+    builder.add_group("poses", Loss::Squared, known.collect());
+    let place = (0..moments as usize).flat_map(|t| {
+        let statics = statics.iter().enumerate().filter(move |(i, _)| (i + t) % 3 != 0);
+        statics.map(move |(i, point)| (t, i, *point))
+    });
+    let place = place.map(|(t, i, point)| Measurement {
+        residual: Seen(wave((t + 5 * i) as f64)),
+        blocks: [observers[t], point],
+        sigma: [0.2; 3],
+    });
+    builder.add_group("static points", Loss::Squared, place.collect());
+    let level = points.iter().flatten().enumerate().map(|(k, point)| Measurement {
+        residual: Level(k % 3),
+        blocks: [*point, scalar],
+        sigma: [0.5],
+    });
+    builder.add_group("level", Loss::Squared, level.collect());
+    if frames {
+        let step =
+            |t: usize| TimeStep { observer: Some(observers[t]), bodies: vec![bodies[0][t], bodies[1][t]] };
+        builder.along_time((0..moments as usize).map(step).collect(), vec![sights]);
+    }
+    builder.build()
+}
+
+#[test]
+fn frames_first_changes_no_step() {
+    for held_observers in [false, true] {
+        for loss in [Loss::Squared, Loss::Huber { scale: 3.0 }, Loss::Tukey { scale: 200.0 }] {
+            let (whole, framed) = (film(false, held_observers, loss), film(true, held_observers, loss));
+            assert!(framed.has_frames() && !whole.has_frames());
+            for (damping, least_flatness) in [(0.0, 1.0), (1e-4, 1.0), (1.0, 1.0), (1e-3, 0.1)] {
+                let curvature = Curvature { damping, least_flatness };
+                let (wanted, model) = step_of(&whole, curvature);
+
+                let mut normal = framed.normal();
+                framed.linearise(framed.start(), curvature, &mut normal).unwrap();
+                let mut factor = framed.frames_factor().unwrap();
+                let extra: Vec<f64> = normal.scale().iter().map(|d| d * damping).collect();
+                framed.factorise_frames(&normal, &extra, &mut factor).unwrap();
+                let mut delta: Vec<f64> = normal.raw_gradient().iter().map(|g| -g).collect();
+                // Two right-hand sides at once.
+                delta.extend(delta.clone().iter().map(|d| 2.0 * d));
+                framed.solve_frames(&normal, &mut factor, &mut delta);
+                let n = delta.len() / 2;
+                for i in 0..n {
+                    assert!((2.0 * delta[i] - delta[n + i]).abs() <= 1e-12 * delta[n + i].abs());
+                }
+                delta.truncate(n);
+                let largest = normal.largest_gradient();
+                let step = framed.back_substitute(framed.start(), curvature, &mut normal, delta);
+                let mut found = Vec::new();
+                for (block, wanted) in wanted.iter().enumerate() {
+                    if !wanted.is_empty() {
+                        found.extend_from_slice(framed.step_of(BlockId(block), &step.delta));
+                    }
+                }
+                let (found, wanted) = (DVector::from_vec(found), DVector::from_vec(wanted.concat()));
+                let gap = (&found - &wanted).norm() / wanted.norm();
+                assert!(gap < 1e-10, "{held_observers} {loss:?} damping {damping}: {gap:e}");
+                for (found, wanted) in [step.slope, step.squared, largest].iter().zip(model) {
+                    assert!((found - wanted).abs() < 1e-10 * wanted.abs(), "{found} {wanted}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn poses_that_are_held_in_part_are_not_eliminated_by_frames() {
+    let mut builder = SystemBuilder::default();
+    let pose = write_pose(&crate::geometry::Pose::identity());
+    let mut free = [true; 6];
+    let observer = builder.add_block(Manifold::Pose, &pose, &free);
+    free[2] = false;
+    let body = builder.add_block(Manifold::Pose, &pose, &free);
+    let point = builder.add_block(Manifold::POINT, &[0.0, 0.0, 5.0], &[true; 3]);
+    let sight = Measurement { residual: Sight([0.0; 2]), blocks: [observer, body, point], sigma: [1.0; 2] };
+    let sights = builder.add_group("sights", Loss::Squared, vec![sight]);
+    builder.along_time(vec![TimeStep { observer: Some(observer), bodies: vec![body] }], vec![sights]);
+    assert!(!builder.build().has_frames());
+}

@@ -1,0 +1,320 @@
+//! Adjusts a moving vehicle under one camera, from a file in the format "mvba 1" (benches/peers/gen_mv.py).
+//!
+//! Camera pose and vehicle pose of each frame, and the shape: image points, a prior on every pose, and a
+//! prior on the motion of the vehicle from frame to frame. Costs are half the sum of squares (of rho for
+//! image points), term by term those of benches/peers/ceres_mv.cc.
+//!
+//! `cargo run --release --example mvba -- FILE [--elimination frames] [--json]`
+
+use clap::{Parser, ValueEnum};
+use nalgebra::{Matrix3, Point3, Rotation3, Vector2, Vector3, Vector6};
+use std::error::Error;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+use trackbundle::camera::{Camera, Lens};
+use trackbundle::geometry::align::rigid_fit;
+use trackbundle::geometry::rotation::{log, right_jacobian_inverse};
+use trackbundle::geometry::{Pose, pose, skew};
+use trackbundle::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
+use trackbundle::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
+use trackbundle::nlls::minimise::Minimiser;
+use trackbundle::nlls::residual::{Jacobian, Residual};
+use trackbundle::nlls::system::{BlockId, Measurement, System, SystemBuilder, TimeStep, Values};
+use trackbundle::residuals::pose_prior::PosePrior;
+use trackbundle::residuals::vehicle_image_point::VehicleImagePoint;
+
+#[path = "support/run.rs"]
+mod run;
+
+/// Adjusts a moving vehicle under one camera.
+#[derive(Parser)]
+struct Arguments {
+    /// The problem, "mvba 1"
+    file: PathBuf,
+    /// Loss of the image points, in pixels: none, huber, cauchy, tukey, geman-mcclure or barron
+    #[arg(long, default_value_t = LossName::Huber)]
+    loss: LossName,
+    /// Scale of the loss in pixels
+    #[arg(long, default_value_t = 2.0)]
+    loss_scale: f64,
+    /// What is eliminated first
+    #[arg(long, value_enum, default_value_t = Elimination::Auto)]
+    elimination: Elimination,
+    #[command(flatten)]
+    run: run::Options,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
+enum Elimination {
+    /// What takes fewer operations
+    Auto,
+    /// Poses along time, which leaves the shape
+    Frames,
+    /// Points, which leaves the poses
+    Points,
+}
+
+/// Motion of a body from one frame to the next, in its own frame, against a mean \[m, rad\]:
+/// `[ Ra^T (tb - ta) - mt ; log(Ra^T Rb) - mr ]`.
+struct Motion {
+    mean: Vector6<f64>,
+}
+
+impl Residual<6, 2> for Motion {
+    const MANIFOLDS: [Manifold; 2] = [Manifold::Pose; 2];
+
+    fn evaluate(&self, x: &[&[f64]; 2], jacobian: Option<&mut Jacobian<6, 2>>) -> Option<Vector6<f64>> {
+        let [a, b] = x.map(read_pose);
+        let to_a: Matrix3<f64> = a.rotation.to_rotation_matrix().matrix().transpose();
+        let moved = to_a * (b.translation.vector - a.translation.vector);
+        let turned = log(&(a.rotation.inverse() * b.rotation));
+        if let Some(jacobian) = jacobian {
+            let by_turn = right_jacobian_inverse(&turned);
+            let mut of_a = nalgebra::Matrix6::zeros();
+            of_a.fixed_view_mut::<3, 3>(0, 0).copy_from(&-to_a);
+            of_a.fixed_view_mut::<3, 3>(0, 3).copy_from(&skew(&moved));
+            of_a.fixed_view_mut::<3, 3>(3, 3).copy_from(&-by_turn.transpose());
+            let mut of_b = nalgebra::Matrix6::zeros();
+            of_b.fixed_view_mut::<3, 3>(0, 0).copy_from(&to_a);
+            of_b.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
+            jacobian.set(0, 0, &of_a);
+            jacobian.set(1, 0, &of_b);
+        }
+        let mut value = Vector6::zeros();
+        value.fixed_rows_mut::<3>(0).copy_from(&moved);
+        value.fixed_rows_mut::<3>(3).copy_from(&turned);
+        Some(value - self.mean)
+    }
+}
+
+/// A problem as its file has it.
+struct Problem {
+    camera: Arc<Camera>,
+    /// Standard deviations, position and rotation: camera, vehicle, motion \[m, rad\].
+    sigmas: [[f64; 2]; 3],
+    mean_motion: Vector6<f64>,
+    cameras: Vec<Pose>,
+    vehicles: Vec<Pose>,
+    points: Vec<Point3<f64>>,
+    observations: Vec<(usize, usize, Vector2<f64>)>,
+    true_points: Vec<Point3<f64>>,
+}
+
+impl Problem {
+    fn read(text: &str) -> Result<Problem, Box<dyn Error>> {
+        let mut words = run::Words::new(text);
+        if words.next::<String>()? != "mvba" || words.next::<usize>()? != 1 {
+            return Err("the file does not begin with \"mvba 1\"".into());
+        }
+        let (frames, points, count) = (words.next()?, words.next()?, words.next()?);
+        let [f, cx, cy] = words.array()?;
+        let camera = Camera {
+            size_px: [2 * cx as u32, 2 * cy as u32],
+            focal_px: Vector2::new(f, f),
+            principal_px: Vector2::new(cx, cy),
+            lens: Lens::Pinhole,
+        };
+        let [ct, cr, vt, vr, mt, mr] = words.array()?;
+        let [rx, ry, rz, tx, ty, tz] = words.array()?;
+        let read_poses = |words: &mut run::Words, n: usize| -> Result<Vec<Pose>, Box<dyn Error>> {
+            let one = |_| {
+                let [w, i, j, k, x, y, z] = words.array()?;
+                Ok(pose([x, y, z], [w, i, j, k]))
+            };
+            (0..n).map(one).collect()
+        };
+        let read_points = |words: &mut run::Words, n: usize| -> Result<Vec<Point3<f64>>, Box<dyn Error>> {
+            (0..n).map(|_| Ok(Point3::from(words.array::<3>()?))).collect()
+        };
+        let cameras = read_poses(&mut words, frames)?;
+        let vehicles = read_poses(&mut words, frames)?;
+        let start = read_points(&mut words, points)?;
+        let mut observations = Vec::new();
+        for _ in 0..count {
+            let (frame, point): (usize, usize) = (words.next()?, words.next()?);
+            if frame >= frames || point >= points {
+                return Err(format!("there is no frame {frame} or no point {point}").into());
+            }
+            observations.push((frame, point, Vector2::new(words.next()?, words.next()?)));
+        }
+        read_poses(&mut words, 2 * frames)?;
+        let true_points = read_points(&mut words, points)?;
+        Ok(Problem {
+            camera: Arc::new(camera),
+            sigmas: [[ct, cr], [vt, vr], [mt, mr]],
+            mean_motion: Vector6::new(tx, ty, tz, rx, ry, rz),
+            cameras,
+            vehicles,
+            points: start,
+            observations,
+            true_points,
+        })
+    }
+
+    fn system(&self, arguments: &Arguments) -> (System, [Vec<BlockId>; 3]) {
+        let mut builder = SystemBuilder::default();
+        let mut add = |poses: &[Pose]| -> Vec<BlockId> {
+            poses.iter().map(|p| builder.add_block(Manifold::Pose, &write_pose(p), &[true; 6])).collect()
+        };
+        let (cameras, vehicles) = (add(&self.cameras), add(&self.vehicles));
+        let points: Vec<BlockId> = self
+            .points
+            .iter()
+            .map(|p| builder.add_block(Manifold::POINT, p.coords.as_slice(), &[true; 3]))
+            .collect();
+        let image = |(frame, point, pixel): &(usize, usize, Vector2<f64>)| Measurement {
+            residual: VehicleImagePoint { camera: self.camera.clone(), observed_px: *pixel },
+            blocks: [cameras[*frame], vehicles[*frame], points[*point]],
+            sigma: [1.0; 2],
+        };
+        let loss = arguments.loss.with_scale(arguments.loss_scale, DEFAULT_SHAPE);
+        let images = builder.add_group("image points", loss, self.observations.iter().map(image).collect());
+        let sigma = |[t, r]: [f64; 2]| [t, t, t, r, r, r];
+        for (poses, blocks, sigmas) in
+            [(&self.cameras, &cameras, self.sigmas[0]), (&self.vehicles, &vehicles, self.sigmas[1])]
+        {
+            let prior = |(start, block): (&Pose, &BlockId)| Measurement {
+                residual: PosePrior { start: *start, axes: Rotation3::identity() },
+                blocks: [*block],
+                sigma: sigma(sigmas),
+            };
+            builder.add_group("poses", Loss::Squared, poses.iter().zip(blocks).map(prior).collect());
+        }
+        let motion = vehicles.windows(2).map(|pair| Measurement {
+            residual: Motion { mean: self.mean_motion },
+            blocks: [pair[0], pair[1]],
+            sigma: sigma(self.sigmas[2]),
+        });
+        builder.add_group("motion", Loss::Squared, motion.collect());
+        // Of shape by innovations of the frames, and of poses by points.
+        let (shape, poses) = (3.0 * points.len() as f64, 12.0 * cameras.len() as f64);
+        let frames_flops = 0.5 * poses * shape * shape + shape.powi(3) / 3.0;
+        let points_first = match arguments.elimination {
+            Elimination::Frames => false,
+            Elimination::Points => true,
+            Elimination::Auto => poses.powi(3) / 3.0 < frames_flops,
+        };
+        if points_first {
+            builder.eliminate(points.clone());
+        } else {
+            let step = |(camera, vehicle): (&BlockId, &BlockId)| TimeStep {
+                observer: Some(*camera),
+                bodies: vec![*vehicle],
+            };
+            builder.along_time(cameras.iter().zip(&vehicles).map(step).collect(), vec![images]);
+        }
+        (builder.build(), [cameras, vehicles, points])
+    }
+
+    /// Root mean square distance of the points to the true ones after a rigid fit \[m\].
+    fn shape_rms_m(&self, points: &[Point3<f64>]) -> f64 {
+        let Some(fit) = rigid_fit(points, &self.true_points) else { return f64::NAN };
+        let squares = points.iter().zip(&self.true_points).map(|(p, q)| (fit * p - q).norm_squared());
+        (squares.sum::<f64>() / points.len() as f64).sqrt()
+    }
+}
+
+/// Poses and points as lines of numbers, in the order of the problem's file.
+fn solved(system: &System, values: &Values, blocks: &[Vec<BlockId>; 3]) -> String {
+    let mut text = String::new();
+    for poses in &blocks[..2] {
+        for block in poses {
+            let v = system.value(values, *block);
+            let _ = writeln!(text, "{} {} {} {} {} {} {}", v[3], v[4], v[5], v[6], v[0], v[1], v[2]);
+        }
+    }
+    for block in &blocks[2] {
+        let v = Vector3::from_column_slice(system.value(values, *block));
+        let _ = writeln!(text, "{} {} {}", v.x, v.y, v.z);
+    }
+    text
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    arguments.run.set_threads()?;
+    let text = std::fs::read_to_string(&arguments.file)?;
+    let problem = Problem::read(&text)?;
+    drop(text);
+    let begin = run::Clock::start();
+    let setup = Instant::now();
+    let (system, blocks) = problem.system(&arguments);
+    let mut minimiser = Minimiser::new(&system)?;
+    let setup_s = setup.elapsed().as_secs_f64();
+    let options = arguments.run.minimiser_options();
+    let minimum = minimiser.run(&system, system.start(), options, arguments.run.watch());
+    arguments.run.report(&system, &minimum, &minimiser, setup_s, &begin);
+    let points: Vec<Point3<f64>> =
+        blocks[2].iter().map(|block| read_point(system.value(&minimum.values, *block))).collect();
+    eprintln!(
+        "shape rms {:.4} m to {:.4} m",
+        problem.shape_rms_m(&problem.points),
+        problem.shape_rms_m(&points)
+    );
+    if let Some(file) = &arguments.run.output {
+        std::fs::write(file, solved(&system, &minimum.values, &blocks))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use trackbundle::nlls::residual::worst_jacobian_entry;
+
+    #[test]
+    fn the_jacobian_is_that_of_its_differences() {
+        let a = write_pose(&pose([1.0, 2.0, 3.0], [0.9, 0.1, 0.2, -0.3]));
+        let b = write_pose(&pose([1.4, 1.5, 3.1], [0.7, -0.4, 0.1, 0.3]));
+        let motion = Motion { mean: Vector6::new(0.3, 0.0, 0.0, 0.0, 0.1, 0.0) };
+        let entry = worst_jacobian_entry(&motion, &[&a, &b], 1e-6).unwrap();
+        assert!(entry.gap < 1e-8, "{entry:?}");
+    }
+
+    #[test]
+    fn both_eliminations_take_the_same_steps() {
+        // Two points short of a body, four frames.
+        let mut text =
+            "mvba 1\n4 5 20\n1000 500 500\n0.05 0.002 0.3 0.03 0.02 0.005\n0 0 0 0.3 0 0\n".to_owned();
+        for (x, z, q) in [(0.0, 50.0, "0 1 0 0"), (0.0, 0.0, "1 0 0 0")] {
+            for t in 0..4 {
+                let _ = writeln!(text, "{q} {} 0 {z}", x + 0.3 * f64::from(t));
+            }
+        }
+        let points = ["1 0.5 1", "-1 0.5 1.2", "1 -0.6 0.4", "-1.1 -0.5 0.2", "0 0 1.5"];
+        points.iter().for_each(|p| text += &format!("{p}\n"));
+        for t in 0..4_u32 {
+            for j in 0..5_u32 {
+                let noise = f64::from((t * 7 + j * 3) % 5) - 2.0;
+                let _ = writeln!(text, "{t} {j} {} {}", 500.0 + 20.0 * noise, 500.0 - 15.0 * noise);
+            }
+        }
+        for _ in 0..2 {
+            (0..4).for_each(|_| text += "1 0 0 0 0 0 0\n");
+        }
+        points.iter().for_each(|p| text += &format!("{p}\n"));
+        let problem = Problem::read(&text).unwrap();
+        let ends = ["frames", "points"].map(|elimination| {
+            let to_the_end = ["--function-tolerance", "1e-13", "--max-iterations", "200"];
+            let arguments = ["mvba", "file", "--elimination", elimination].into_iter().chain(to_the_end);
+            let arguments = Arguments::parse_from(arguments);
+            let (system, blocks) = problem.system(&arguments);
+            assert_eq!(system.has_frames(), elimination == "frames");
+            let minimum = Minimiser::new(&system).unwrap().run(
+                &system,
+                system.start(),
+                arguments.run.minimiser_options(),
+                None,
+            );
+            (minimum.cost.value, solved(&system, &minimum.values, &blocks))
+        });
+        assert!((ends[0].0 - ends[1].0).abs() < 1e-9 * ends[0].0, "{} {}", ends[0].0, ends[1].0);
+        let numbers =
+            |text: &str| -> Vec<f64> { text.split_whitespace().map(|w| w.parse().unwrap()).collect() };
+        for (a, b) in numbers(&ends[0].1).iter().zip(numbers(&ends[1].1)) {
+            assert!((a - b).abs() < 1e-6, "{a} {b}");
+        }
+    }
+}
