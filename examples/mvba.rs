@@ -275,26 +275,30 @@ mod tests {
 
     #[test]
     fn both_eliminations_take_the_same_steps() {
-        // Two points short of a body, four frames.
         let mut text =
-            "mvba 1\n4 5 20\n1000 500 500\n0.05 0.002 0.3 0.03 0.02 0.005\n0 0 0 0.3 0 0\n".to_owned();
-        for (x, z, q) in [(0.0, 50.0, "0 1 0 0"), (0.0, 0.0, "1 0 0 0")] {
+            "mvba 1\n4 5 20\n1000 500 500\n0.05 0.002 0.3 0.03 0.02 0.005\n0 0 0 5 0 0\n".to_owned();
+        for (step, z, q) in [(0.0, 50.0, "0 1 0 0"), (5.0, 0.0, "1 0 0 0")] {
             for t in 0..4 {
-                let _ = writeln!(text, "{q} {} 0 {z}", x + 0.3 * f64::from(t));
+                let _ = writeln!(text, "{q} {} 0 {z}", step * f64::from(t));
             }
         }
-        let points = ["1 0.5 1", "-1 0.5 1.2", "1 -0.6 0.4", "-1.1 -0.5 0.2", "0 0 1.5"];
-        points.iter().for_each(|p| text += &format!("{p}\n"));
+        let points: [[f64; 3]; 5] =
+            [[1.0, 0.5, 1.0], [-1.0, 0.5, 1.2], [1.0, -0.6, 0.4], [-1.1, -0.5, 0.2], [0.0, 0.0, 1.5]];
+        points.iter().for_each(|[x, y, z]| text += &format!("{x} {y} {z}\n"));
         for t in 0..4_u32 {
             for j in 0..5_u32 {
-                let noise = f64::from((t * 7 + j * 3) % 5) - 2.0;
-                let _ = writeln!(text, "{t} {j} {} {}", 500.0 + 20.0 * noise, 500.0 - 15.0 * noise);
+                // The camera stands 50 m above the start and looks down.
+                let [x, y, z] = points[j as usize].map(|v| v + 0.01 * f64::from(t));
+                let noise = (f64::from((t * 7 + j * 3) % 5) - 2.0) / 2.0;
+                let (u, v) =
+                    (500.0 + 1000.0 * (x + 5.0 * f64::from(t)) / (50.0 - z), 500.0 - 1000.0 * y / (50.0 - z));
+                let _ = writeln!(text, "{t} {j} {} {}", u + noise, v - 0.7 * noise);
             }
         }
         for _ in 0..2 {
             (0..4).for_each(|_| text += "1 0 0 0 0 0 0\n");
         }
-        points.iter().for_each(|p| text += &format!("{p}\n"));
+        points.iter().for_each(|[x, y, z]| text += &format!("{x} {y} {z}\n"));
         let problem = Problem::read(&text).unwrap();
         let ends = ["frames", "points"].map(|elimination| {
             let to_the_end = ["--function-tolerance", "1e-13", "--max-iterations", "200"];
