@@ -31,6 +31,7 @@ pub struct VehicleImagePoint {
 impl Residual<2, 3> for VehicleImagePoint {
     const MANIFOLDS: [Manifold; 3] = [Manifold::Pose, Manifold::Pose, Manifold::POINT];
 
+    #[inline(always)]
     fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<2, 3>>) -> Option<Vector2<f64>> {
         let (world_from_camera, world_from_vehicle) = (read_pose(x[0]), read_pose(x[1]));
         let in_vehicle = read_point(x[2]);

@@ -1,0 +1,97 @@
+#!/usr/bin/env python3
+"""Runs the examples `bal` and `mvba` and Ceres side by side, and prints a table of ratios.
+
+    python3 benches/side_by_side.py [--runs 3] [--textbook] [--bal FILE ...]
+
+Builds both (Ceres needs g++, make, libceres-dev, libopenblas0-pthread, as Debian has them), makes the
+problems that it can make (with numpy) in target/peers, and runs each pair in turn, `--runs` times. BAL files
+state no licence and are given by their paths. Times are those of setting up and solving, without reading the
+file, as each program reports them; of several settings of Ceres the fastest counts. Ratios are Ceres / ours.
+"""
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+WORK = ROOT / "target" / "peers"
+
+
+def run(command, **options):
+    environment = dict(os.environ, OPENBLAS_NUM_THREADS="2")
+    return subprocess.run(command, check=True, text=True, env=environment, stdout=subprocess.PIPE,
+                          stderr=subprocess.DEVNULL, **options).stdout
+
+
+def ours(example, file, loss):
+    d = json.loads(run([ROOT / "target/release/examples" / example, file, "--threads", "2", "--json", "--loss", loss]))
+    return {"wall": d["seconds"], "cpu": d["cpu_seconds"], "mib": d["peak_mib"], "cost": d["final_cost"],
+            "iterations": d["iterations"]}
+
+
+def ceres(program, file, loss, *settings):
+    line = run([WORK / program, file, "--threads=2", f"--loss={loss}", *settings]).splitlines()[0]
+    d = json.loads(line)
+    return {"wall": d["wall_s"], "cpu": d["cpu_s"], "mib": d["rss_mib"], "cost": d["final"], "iterations": d["iters"]}
+
+
+def middle(results):
+    return {key: statistics.median(r[key] for r in results) for key in results[0]}
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--runs", type=int, default=3)
+    arguments.add_argument("--textbook", action="store_true", help="also points first, sparse, 600 frames (minutes)")
+    arguments.add_argument("--bal", nargs="*", default=[], type=Path)
+    arguments = arguments.parse_args()
+    WORK.mkdir(parents=True, exist_ok=True)
+    subprocess.run(["cargo", "build", "--release", "--examples"], cwd=ROOT, check=True)
+    sources = ROOT / "benches/peers"
+    for program in ["ceres_bal", "ceres_mv"]:
+        if not (WORK / program).exists():
+            subprocess.run(["make", "-s", "-C", sources, program], check=True)
+            (sources / program).rename(WORK / program)
+    made = {}
+    for frames in [150, 600, 1800]:
+        made[f"mv-{frames}"] = ["gen_mv.py", frames, 400]
+    made["city-96"] = ["gen_city_bal.py", 8, 12, 20000]
+    made["city-300"] = ["gen_city_bal.py", 15, 20, 90000]
+    for name, command in made.items():
+        file = WORK / f"{name}.txt"
+        if not file.exists():
+            subprocess.run([sys.executable, sources / command[0], *map(str, command[1:]), file], check=True)
+
+    schur = [f"--solver={kind}_schur" for kind in ["dense", "sparse", "iterative"]]
+    rows = []
+    for frames in [150, 600, 1800]:
+        settings = [["--elim=cameras", "--solver=iterative_schur"]]
+        rows.append((f"mv-{frames}, huber", "mvba", "ceres_mv", WORK / f"mv-{frames}.txt", "huber", settings))
+    if arguments.textbook:
+        settings = [["--elim=points", "--solver=sparse_schur"]]
+        rows.append(("mv-600, huber, textbook", "mvba", "ceres_mv", WORK / "mv-600.txt", "huber", settings))
+    for file in [*arguments.bal, WORK / "city-96.txt", WORK / "city-300.txt"]:
+        for loss in ["none", "huber"]:
+            rows.append((f"{file.stem}, {loss}", "bal", "ceres_bal", file, loss, [[s] for s in schur]))
+
+    print("| work | wall s, ours : Ceres | ratio | CPU s, ours : Ceres | ratio | MiB, ours : Ceres | ratio "
+          "| iterations | final cost, ours : Ceres |\n|---|---|---|---|---|---|---|---|---|")
+    for name, example, program, file, loss, settings in rows:
+        mine, theirs = [], [[] for _ in settings]
+        for _ in range(1 if "textbook" in name else arguments.runs):
+            mine.append(ours(example, file, loss))
+            for results, setting in zip(theirs, settings):
+                results.append(ceres(program, file, loss, *setting))
+        a = middle(mine)
+        b = min((middle(results) for results in theirs), key=lambda r: r["wall"])
+        print(f"| {name} | {a['wall']:.3f} : {b['wall']:.3f} | {b['wall'] / a['wall']:.1f} "
+              f"| {a['cpu']:.2f} : {b['cpu']:.2f} | {b['cpu'] / a['cpu']:.1f} "
+              f"| {a['mib']:.0f} : {b['mib']:.0f} | {a['mib'] / b['mib']:.2f} "
+              f"| {a['iterations']:.0f} : {b['iterations']:.0f} | {a['cost']:.8e} : {b['cost']:.8e} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
