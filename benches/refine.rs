@@ -1,6 +1,6 @@
 //! Where the time of `refine` goes on the problems that come with the program: medians by stage.
 //!
-//! `cargo bench [-- RUNS]`
+//! `cargo bench --bench refine [-- RUNS]`
 
 use std::path::Path;
 use std::time::Instant;

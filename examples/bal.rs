@@ -14,11 +14,9 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, UnitQuaternion, Vector2, Vector3};
 use std::error::Error;
 use std::fmt::Write;
 use std::path::PathBuf;
-use std::time::Instant;
 use trackbundle::geometry::{rotation, skew};
 use trackbundle::nlls::loss::{DEFAULT_SHAPE, LossName};
 use trackbundle::nlls::manifold::{Manifold, read_point, read_pose};
-use trackbundle::nlls::minimise::Minimiser;
 use trackbundle::nlls::residual::{Jacobian, Residual};
 use trackbundle::nlls::system::{BlockId, Measurement, System, SystemBuilder, Values};
 
@@ -104,7 +102,7 @@ impl Problem {
         Ok(problem)
     }
 
-    fn system(&self, arguments: &Arguments) -> (System, Vec<BlockId>, Vec<BlockId>) {
+    fn system(&self, arguments: &Arguments) -> (System, [Vec<BlockId>; 2]) {
         let mut builder = SystemBuilder::default();
         let camera = |c: &[f64; 9]| {
             let q = UnitQuaternion::from_scaled_axis(Vector3::new(c[0], c[1], c[2]));
@@ -123,7 +121,7 @@ impl Problem {
         let loss = arguments.loss.with_scale(arguments.loss_scale, DEFAULT_SHAPE);
         builder.add_group("image points", loss, self.observations.iter().map(measurement).collect());
         builder.eliminate(points.clone());
-        (builder.build(), cameras, points)
+        (builder.build(), [cameras, points])
     }
 
     fn write(&self, system: &System, values: &Values, cameras: &[BlockId], points: &[BlockId]) -> String {
@@ -149,17 +147,8 @@ impl Problem {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
     arguments.run.set_threads()?;
-    let text = std::fs::read_to_string(&arguments.file)?;
-    let problem = Problem::read(&text)?;
-    drop(text);
-    let begin = run::Clock::start();
-    let setup = Instant::now();
-    let (system, cameras, points) = problem.system(&arguments);
-    let mut minimiser = Minimiser::new(&system)?;
-    let setup_s = setup.elapsed().as_secs_f64();
-    let options = arguments.run.minimiser_options();
-    let minimum = minimiser.run(&system, system.start(), options, arguments.run.watch());
-    arguments.run.report(&system, &minimum, &minimiser, setup_s, &begin);
+    let problem = run::read(&arguments.file, Problem::read)?;
+    let (system, [cameras, points], minimum) = arguments.run.solve(|| problem.system(&arguments))?;
     if let Some(file) = &arguments.run.output {
         std::fs::write(file, problem.write(&system, &minimum.values, &cameras, &points))?;
     }
@@ -186,7 +175,7 @@ mod tests {
         let text = "1 1 1\n0 0 3.5 -4.25\n0.1\n-0.2\n0.3\n1\n2\n-9\n500\n-1e-3\n2e-6\n0.5\n0.25\n-0.125\n";
         let problem = Problem::read(text).unwrap();
         let arguments = Arguments::parse_from(["bal", "file"]);
-        let (system, cameras, points) = problem.system(&arguments);
+        let (system, [cameras, points]) = problem.system(&arguments);
         let again = Problem::read(&problem.write(&system, system.start(), &cameras, &points)).unwrap();
         let gap = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(gap(&problem.cameras[0], &again.cameras[0]) < 1e-12);

@@ -12,14 +12,12 @@ use std::error::Error;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 use trackbundle::camera::{Camera, Lens};
 use trackbundle::geometry::align::rigid_fit;
 use trackbundle::geometry::rotation::{log, right_jacobian_inverse};
 use trackbundle::geometry::{Pose, pose, skew};
 use trackbundle::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use trackbundle::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
-use trackbundle::nlls::minimise::Minimiser;
 use trackbundle::nlls::residual::{Jacobian, Residual};
 use trackbundle::nlls::system::{BlockId, Measurement, System, SystemBuilder, TimeStep, Values};
 use trackbundle::residuals::pose_prior::PosePrior;
@@ -235,17 +233,8 @@ fn solved(system: &System, values: &Values, blocks: &[Vec<BlockId>; 3]) -> Strin
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
     arguments.run.set_threads()?;
-    let text = std::fs::read_to_string(&arguments.file)?;
-    let problem = Problem::read(&text)?;
-    drop(text);
-    let begin = run::Clock::start();
-    let setup = Instant::now();
-    let (system, blocks) = problem.system(&arguments);
-    let mut minimiser = Minimiser::new(&system)?;
-    let setup_s = setup.elapsed().as_secs_f64();
-    let options = arguments.run.minimiser_options();
-    let minimum = minimiser.run(&system, system.start(), options, arguments.run.watch());
-    arguments.run.report(&system, &minimum, &minimiser, setup_s, &begin);
+    let problem = run::read(&arguments.file, Problem::read)?;
+    let (system, blocks, minimum) = arguments.run.solve(|| problem.system(&arguments))?;
     let points: Vec<Point3<f64>> =
         blocks[2].iter().map(|block| read_point(system.value(&minimum.values, *block))).collect();
     eprintln!(
@@ -262,6 +251,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use trackbundle::nlls::minimise::Minimiser;
     use trackbundle::nlls::residual::worst_jacobian_entry;
 
     #[test]

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::{FromStr, SplitAsciiWhitespace};
 use std::time::Instant;
 use trackbundle::nlls::minimise::{Minimiser, MinimiserOptions, Minimum, Watch};
@@ -48,7 +48,7 @@ impl Options {
     }
 
     /// Prints the iteration table, unless JSON is wanted.
-    pub fn watch(&self) -> Option<Watch> {
+    fn watch(&self) -> Option<Watch> {
         if self.json {
             return None;
         }
@@ -70,14 +70,7 @@ impl Options {
     }
 
     /// Prints what came out.
-    pub fn report(
-        &self,
-        system: &System,
-        minimum: &Minimum,
-        minimiser: &Minimiser,
-        setup_s: f64,
-        clock: &Clock,
-    ) {
+    fn report(&self, system: &System, minimum: &Minimum, minimiser: &Minimiser, setup_s: f64, clock: &Clock) {
         let (wall_s, cpu_s) = clock.seconds();
         let stages = minimiser.stage_seconds();
         let report = serde_json::json!({
@@ -103,6 +96,30 @@ impl Options {
         } else {
             println!("{report:#}");
         }
+    }
+}
+
+/// Reads a file with `read`.
+pub fn read<P>(
+    file: &Path,
+    read: impl FnOnce(&str) -> Result<P, Box<dyn Error>>,
+) -> Result<P, Box<dyn Error>> {
+    read(&std::fs::read_to_string(file)?)
+}
+
+/// What a run leaves: the system, what `build` gave with it, and the minimum.
+pub type Solved<B> = (System, B, Minimum);
+
+impl Options {
+    /// Builds a system, minimises its cost and reports.
+    pub fn solve<B>(&self, build: impl FnOnce() -> (System, B)) -> Result<Solved<B>, Box<dyn Error>> {
+        let clock = Clock::start();
+        let (system, blocks) = build();
+        let mut minimiser = Minimiser::new(&system)?;
+        let (setup_s, _) = clock.seconds();
+        let minimum = minimiser.run(&system, system.start(), self.minimiser_options(), self.watch());
+        self.report(&system, &minimum, &minimiser, setup_s, &clock);
+        Ok((system, blocks, minimum))
     }
 }
 

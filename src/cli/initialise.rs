@@ -1,12 +1,11 @@
 //! `trackbundle initialise`.
 
 use super::Failure;
-use super::options::{OutputOptions, computable, read};
+use super::options::{Opened, OutputOptions};
 use super::output::{counted, grouped, print};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::Loss;
 use crate::refine::Fits;
-use crate::report::folder::check_place;
 use crate::report::{left_out, report_of_initial, result_tables};
 use crate::scene::scene;
 use clap::{Args, ValueEnum};
@@ -42,14 +41,7 @@ enum Dlt {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    output.check_recording_place()?;
-    check_place(&arguments.out)?;
-    output.set_threads()?;
-    let begin = Instant::now();
-    let input = read(&arguments.problem)?;
-    output.warn(&input.warnings);
-    let problem = computable(input.problem)?;
-    let read_s = begin.elapsed().as_secs_f64();
+    let Opened { problem, warnings, read_s } = output.open(&arguments.problem, &arguments.out)?;
 
     let begin = Instant::now();
     let method = match arguments.dlt {
@@ -63,7 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0);
     let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
-    report.warnings.splice(0..0, input.warnings);
+    report.warnings.splice(0..0, warnings);
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
     let tables = result_tables(&problem, &initial.estimate, &fits);

@@ -6,11 +6,12 @@ use crate::files::{self, Folder, Inventory};
 use crate::problem::Problem;
 use crate::reference::{self, Reference};
 use crate::refine::{MotionPrior, MotionStrength};
-use crate::report::folder::Staged;
+use crate::report::folder::{Staged, check_place};
 use crate::report::{File, Report};
 use clap::Args;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// How a recording begins.
 const RECORDING_MAGIC: [u8; 3] = *b"RRF";
@@ -46,7 +47,7 @@ pub struct OutputOptions {
 
 impl OutputOptions {
     /// Sets the number of threads of this process.
-    pub fn set_threads(&self) -> Result<(), Failure> {
+    fn set_threads(&self) -> Result<(), Failure> {
         let threads = match self.threads {
             Some(threads) => usize::from(threads),
             None => std::thread::available_parallelism().map_or(1, usize::from),
@@ -58,7 +59,7 @@ impl OutputOptions {
     }
 
     /// Whether a recording is written.
-    pub fn records(&self) -> Result<bool, Failure> {
+    fn records(&self) -> Result<bool, Failure> {
         if cfg!(feature = "rerun") {
             return Ok(!self.no_rrd);
         }
@@ -71,7 +72,7 @@ impl OutputOptions {
     }
 
     /// Refuses a place for the recording where something else stands.
-    pub fn check_recording_place(&self) -> Result<(), Failure> {
+    fn check_recording_place(&self) -> Result<(), Failure> {
         self.records()?;
         let Some(file) = &self.rrd else { return Ok(()) };
         let is_recording = || {
@@ -95,7 +96,7 @@ impl OutputOptions {
         report: &mut Report,
         draw: impl FnOnce(&Report) -> trackbundle_viz::Scene,
     ) -> Result<PathBuf, Failure> {
-        let begin = std::time::Instant::now();
+        let begin = Instant::now();
         let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
         let mut staged = Staged::begin(target)?;
         if self.records()? {
@@ -150,6 +151,31 @@ pub struct Input {
     pub reference: Reference,
     /// What is odd.
     pub warnings: Vec<String>,
+}
+
+/// A problem that can be computed.
+pub struct Opened {
+    /// The problem.
+    pub problem: Problem,
+    /// What is odd in its folder.
+    pub warnings: Vec<String>,
+    /// How long it took to read \[s\].
+    pub read_s: f64,
+}
+
+impl OutputOptions {
+    /// Reads the problem of a command that will leave a result at `target`, once it is clear that
+    /// the result has a place.
+    pub fn open(&self, problem: &Path, target: &Path) -> Result<Opened, Failure> {
+        self.check_recording_place()?;
+        check_place(target)?;
+        self.set_threads()?;
+        let begin = Instant::now();
+        let Input { problem, warnings, .. } = read(problem)?;
+        self.warn(&warnings);
+        let problem = computable(problem)?;
+        Ok(Opened { problem, warnings, read_s: begin.elapsed().as_secs_f64() })
+    }
 }
 
 /// Reads and validates a problem folder whole.

@@ -1,12 +1,11 @@
 //! `trackbundle refine`.
 
 use super::Failure;
-use super::options::{OutputOptions, computable, default_result_folder, motion_prior, positive, read, shape};
+use super::options::{Opened, OutputOptions, default_result_folder, motion_prior, positive, shape};
 use super::output::{counted, grouped, print, progress};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
 use crate::refine::{Adjustment, MotionPrior, MotionPriors, RefineOptions, refine};
-use crate::report::folder::check_place;
 use crate::report::{Report, left_out, report_of_adjustment, result_tables};
 use crate::scene::scene;
 use clap::Args;
@@ -57,18 +56,11 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    output.check_recording_place()?;
     let target = match &arguments.out {
         Some(folder) => folder.clone(),
         None => default_result_folder(&arguments.problem)?,
     };
-    check_place(&target)?;
-    output.set_threads()?;
-    let begin = Instant::now();
-    let input = read(&arguments.problem)?;
-    output.warn(&input.warnings);
-    let problem = computable(input.problem)?;
-    let read_s = begin.elapsed().as_secs_f64();
+    let Opened { problem, warnings, read_s } = output.open(&arguments.problem, &target)?;
 
     let begin = Instant::now();
     let initial = initialise(&problem, Method::RobustWhereNeeded);
@@ -87,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (estimate, adjustment) = refine(&problem, &initial.estimate, &options, sink)?;
     output.warn(&adjustment.warnings);
     let mut report = report_of_adjustment(&problem, &adjustment, left_out(&problem, &estimate));
-    report.warnings.splice(0..0, input.warnings.into_iter().chain(initial.warnings.iter().cloned()));
+    report.warnings.splice(0..0, warnings.into_iter().chain(initial.warnings.iter().cloned()));
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", initialise_s);
     report.seconds.insert("refine", begin.elapsed().as_secs_f64());

@@ -140,14 +140,13 @@ pub fn refine(
         }
     }
     run.reselect_highest_points(chosen)?;
-    let minimum = run.round("final", MinimiserOptions::default().relative_decrease, usize::MAX);
+    let mut minimum = run.round("final", MinimiserOptions::default().relative_decrease, usize::MAX);
     let mut estimate = run.model.estimate(problem, start, &run.values);
     if !estimate.is_finite() || !minimum.cost.value.is_finite() {
         return Err(NoSolution(
             "the adjustment does not end in finite numbers: is a value out of all proportion?".to_owned(),
         ));
     }
-    let mut minimum = minimum;
     if let Stop::Iterations { limit } = &mut minimum.stop {
         // Of all rounds together.
         *limit = options.max_iterations;

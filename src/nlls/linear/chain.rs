@@ -70,11 +70,6 @@ impl Chain {
         self.starts[step]
     }
 
-    /// Unknowns `(c, y)` of a step.
-    pub fn dims(&self, step: usize) -> (usize, usize) {
-        self.dims[step]
-    }
-
     /// Sets everything to zero.
     pub fn clear(&mut self) {
         self.blocks.iter_mut().flatten().for_each(|block| block.fill(0.0));
@@ -151,7 +146,7 @@ impl Chain {
             let l = &self.blocks[t][0];
             let (lcc, lyc, lyy) =
                 (l.view((0, 0), (nc, nc)), l.view((nc, 0), (ny, nc)), l.view((nc, nc), (ny, ny)));
-            // Rows y or c of -L_tt'^-T L_st^T, columns c or y of all next steps.
+            // Rows y or c of L_st^T, columns c or y of all next steps.
             let part = |rows: (usize, usize), of_y: bool| -> DMatrix<f64> {
                 let pick = |k: &usize| {
                     let (c, y) = self.dims[t + k];

@@ -143,11 +143,6 @@ impl Pattern {
         self.symbolic.as_ref()
     }
 
-    /// Position of the block of a scalar index.
-    pub fn position_of(&self, index: usize) -> usize {
-        self.starts.partition_point(|start| *start <= index) - 1
-    }
-
     /// For each column its block rows, diagonal first, sorted.
     pub fn rows(&self) -> &[Vec<usize>] {
         &self.rows

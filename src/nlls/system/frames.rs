@@ -67,6 +67,8 @@ pub(super) struct Frames {
     dims: Vec<(usize, usize)>,
     band: usize,
     places: Vec<Place>,
+    /// The same for every scalar of the pattern.
+    scalars: Vec<Place>,
     /// First `y` of each step, and their number at the end.
     y_starts: Vec<usize>,
     /// Scalars of the border: those that image points see, and all.
@@ -181,6 +183,13 @@ impl Frames {
                 shape = border;
             }
         }
+        let scalars = places.iter().enumerate().flat_map(|(position, place)| {
+            (0..pattern.range(position).len()).map(move |inner| match *place {
+                Place::Chain(step, at) => Place::Chain(step, at + inner),
+                Place::Border(at) => Place::Border(at + inner),
+            })
+        });
+        let scalars = scalars.collect();
         let mut y_starts = vec![0];
         dims.iter().for_each(|(_, y)| y_starts.push(y_starts[y_starts.len() - 1] + y));
         let (m, ys) = (border as f64, y_starts[y_starts.len() - 1] as f64);
@@ -191,7 +200,7 @@ impl Frames {
         let count = found.len();
         let size = count.div_ceil(CHUNKS).max(1);
         let chunks = (0..count).step_by(size).map(|first| first..(first + size).min(count)).collect();
-        Some(Frames { steps: found, dims, band, places, y_starts, shape, border, chunks, flops })
+        Some(Frames { steps: found, dims, band, places, scalars, y_starts, shape, border, chunks, flops })
     }
 
     /// Room for a linearisation.
@@ -404,7 +413,7 @@ impl FramesFactor {
         rest.fill(0.0);
         border.matrix_mut().fill(0.0);
         normal.matrix.for_each_entry(|row, column, value| {
-            let (i, j) = (frames.scalar(&normal.matrix, row), frames.scalar(&normal.matrix, column));
+            let (i, j) = (frames.scalars[row], frames.scalars[column]);
             let value = value + if row == column { extra[row] } else { 0.0 };
             match (i, j) {
                 (Place::Chain(s, i), Place::Chain(t, j)) => {
@@ -498,7 +507,7 @@ impl FramesFactor {
         let mut s = DMatrix::zeros(frames.border, sides);
         for (side, b) in b.chunks_exact(n).enumerate() {
             for (index, value) in b.iter().enumerate() {
-                match frames.scalar(&normal.matrix, index) {
+                match frames.scalars[index] {
                     Place::Chain(t, i) => x[(chain.start(t) + i, side)] = *value,
                     Place::Border(i) => s[(i, side)] = *value,
                 }
@@ -526,7 +535,7 @@ impl FramesFactor {
         }
         for (side, b) in b.chunks_exact_mut(n).enumerate() {
             for (index, value) in b.iter_mut().enumerate() {
-                *value = match frames.scalar(&normal.matrix, index) {
+                *value = match frames.scalars[index] {
                     Place::Chain(t, i) => x[(chain.start(t) + i, side)],
                     Place::Border(i) => s[(i, side)],
                 };
@@ -536,16 +545,6 @@ impl FramesFactor {
 }
 
 impl Frames {
-    /// Where a scalar of the pattern is.
-    fn scalar(&self, pattern: &Pattern, index: usize) -> Place {
-        let position = pattern.position_of(index);
-        let inner = index - pattern.range(position).start;
-        match self.places[position] {
-            Place::Chain(step, at) => Place::Chain(step, at + inner),
-            Place::Border(at) => Place::Border(at + inner),
-        }
-    }
-
     /// `T` of each step: `(c, v)` from `(c, y)`.
     fn turns(&self, linear: &FramesLinear) -> Vec<DMatrix<f64>> {
         let mut body = linear.bodies.iter();

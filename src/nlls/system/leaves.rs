@@ -37,6 +37,24 @@ const MOST_CHUNKS: usize = 16;
 /// Up to so many blocks, the place of a pair is looked up in a table.
 const MOST_IN_TABLE: usize = 2048;
 
+/// Work that is compiled for each size that a leaf may have ([`Leaves::can_take`]).
+macro_rules! by_size {
+    ($size:expr, $n:ident => $work:block) => {
+        match $size {
+            1 => by_size!(@ $n = 1, $work),
+            2 => by_size!(@ $n = 2, $work),
+            3 => by_size!(@ $n = 3, $work),
+            6 => by_size!(@ $n = 6, $work),
+            9 => by_size!(@ $n = 9, $work),
+            other => unreachable!("leaves of {other} numbers are not declared"),
+        }
+    };
+    (@ $n:ident = $value:literal, $work:block) => {{
+        const $n: usize = $value;
+        $work
+    }};
+}
+
 /// The leaves of a system and the measurements of each.
 pub(super) struct Leaves {
     /// Block of each leaf.
@@ -272,14 +290,9 @@ impl Leaves {
         for leaf in chunk {
             self.linearise(system, values, curvature, leaf, &mut local);
             let free = system.blocks[self.blocks[leaf]].free();
-            let done = match free.len() {
-                3 => self.eliminate_leaf::<3>(system, free, curvature.damping, &mut local, sums),
-                6 => self.eliminate_leaf::<6>(system, free, curvature.damping, &mut local, sums),
-                1 => self.eliminate_leaf::<1>(system, free, curvature.damping, &mut local, sums),
-                2 => self.eliminate_leaf::<2>(system, free, curvature.damping, &mut local, sums),
-                9 => self.eliminate_leaf::<9>(system, free, curvature.damping, &mut local, sums),
-                other => unreachable!("leaves of {other} numbers are not declared"),
-            };
+            let done = by_size!(free.len(), N => {
+                self.eliminate_leaf::<N>(system, free, curvature.damping, &mut local, sums)
+            });
             sums.singular |= done.is_none();
         }
         sums.local = local;
@@ -342,9 +355,7 @@ impl Leaves {
             })
         };
         let pattern = &*system.pattern;
-        if local.entries.iter().any(|e| e.width == 0) {
-            self.add_any::<DE>(pattern, &half, local, sums);
-        } else if uniform(2, 9) {
+        if uniform(2, 9) {
             self.add_uniform::<DE, 9>(pattern, &half, local, sums);
         } else if uniform(2, 6) {
             self.add_uniform::<DE, 6>(pattern, &half, local, sums);
@@ -534,14 +545,9 @@ impl Leaves {
             self.linearise(system, values, curvature, leaf, local);
             let free = system.blocks[self.blocks[leaf]].free();
             let step = &mut steps[self.steps[leaf] - first..self.steps[leaf + 1] - first];
-            let part = match free.len() {
-                3 => self.step_of_leaf::<3>(free, curvature.damping, local, others, step),
-                6 => self.step_of_leaf::<6>(free, curvature.damping, local, others, step),
-                1 => self.step_of_leaf::<1>(free, curvature.damping, local, others, step),
-                2 => self.step_of_leaf::<2>(free, curvature.damping, local, others, step),
-                9 => self.step_of_leaf::<9>(free, curvature.damping, local, others, step),
-                other => unreachable!("leaves of {other} numbers are not declared"),
-            };
+            let part = by_size!(free.len(), N => {
+                self.step_of_leaf::<N>(free, curvature.damping, local, others, step)
+            });
             sum.slope += part.slope;
             sum.squared += part.squared;
         }
