@@ -78,7 +78,7 @@ const DOORS: &[(&str, &[&str])] = &[
     ("csv", &["tables", "report"]),
     ("serde", &["tables", "files", "reference", "report"]),
     ("serde_json", &["report"]),
-    ("pulp", &["nlls/system"]),
+    ("pulp", &["nlls/linear", "nlls/system"]),
     ("toml", &["files"]),
     ("ply_rs_bw", &["reference", "report"]),
     ("rayon", &["nlls/linear", "nlls/system", "nlls/minimise", "initialise", "refine", "cli"]),

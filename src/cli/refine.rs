@@ -5,7 +5,7 @@ use super::options::{Opened, OutputOptions, default_result_folder, motion_prior,
 use super::output::{counted, grouped, print, progress};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
-use crate::refine::{Adjustment, MotionPrior, MotionPriors, RefineOptions, refine};
+use crate::refine::{Adjustment, Arrangement, MotionPrior, MotionPriors, RefineOptions, refine};
 use crate::report::{Report, left_out, report_of_adjustment, result_tables};
 use crate::scene::scene;
 use clap::Args;
@@ -49,6 +49,11 @@ pub struct Arguments {
     #[arg(long, value_name = "PRIOR", default_value = "estimate", value_parser = motion_prior)]
     camera_motion: MotionPrior,
 
+    /// How vehicles are eliminated, without effect on the result: cheapest by counted operations, together
+    /// (poses along time, then all shapes) or apart (each vehicle, then the cameras)
+    #[arg(long, value_name = "HOW", default_value_t = Arrangement::Cheapest)]
+    elimination: Arrangement,
+
     #[command(flatten)]
     output: OutputOptions,
 }
@@ -73,6 +78,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         loss_scale: arguments.loss_scale,
         loss_shape: arguments.loss_shape,
         max_iterations: arguments.max_iterations,
+        arrangement: arguments.elimination,
         motion: MotionPriors { camera: arguments.camera_motion, vehicle: arguments.vehicle_motion },
     };
     let sink = progress(output.verbose, output.quiet, options.max_iterations);

@@ -21,6 +21,7 @@ use crate::estimate::Estimate;
 use crate::nlls::linear::cholesky::TooLarge;
 use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
+pub use crate::nlls::system::Arrangement;
 use crate::nlls::system::Values;
 use crate::problem::Problem;
 use model::Model;
@@ -38,6 +39,8 @@ pub struct RefineOptions {
     pub max_iterations: usize,
     /// The motion priors.
     pub motion: MotionPriors,
+    /// How vehicles are eliminated; without effect on the result.
+    pub arrangement: Arrangement,
 }
 
 impl Default for RefineOptions {
@@ -48,6 +51,7 @@ impl Default for RefineOptions {
             loss_shape: DEFAULT_SHAPE,
             max_iterations: 100,
             motion: MotionPriors::ESTIMATED,
+            arrangement: Arrangement::Cheapest,
         }
     }
 }
@@ -104,7 +108,7 @@ pub fn refine(
     }
     let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
     let chosen = options.loss.with_scale(scale, options.loss_shape);
-    let model = Model::new(problem, start, start, options.motion);
+    let model = Model::new(problem, start, start, options);
     let mut run = Run {
         problem,
         progress,
@@ -198,7 +202,7 @@ impl Run<'_> {
     fn reselect_highest_points(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
         let now = self.model.estimate(self.problem, self.start, &self.values);
         if model::highest_points(self.problem, &now) != self.model.highest_points {
-            let mut model = Model::new(self.problem, self.start, &now, self.options.motion);
+            let mut model = Model::new(self.problem, self.start, &now, self.options);
             model.set_image_loss(image_loss);
             model.copy_motion(&self.model);
             self.minimiser = Minimiser::new(&model.system)?;

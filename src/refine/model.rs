@@ -1,6 +1,7 @@
 //! Problem and estimate into a system of blocks and measurements, and back.
 
 use super::NoSolution;
+use super::RefineOptions;
 use super::datum::{self, Treatment};
 use super::motion::{Body, Motion, MotionPriors};
 use crate::estimate::{Estimate, VehicleEstimate};
@@ -71,7 +72,7 @@ struct VehicleBlocks {
 
 impl Model {
     /// The system of `problem`, with values from `current` and starting poses from `start`.
-    pub fn new(problem: &Problem, start: &Estimate, current: &Estimate, priors: MotionPriors) -> Model {
+    pub fn new(problem: &Problem, start: &Estimate, current: &Estimate, options: &RefineOptions) -> Model {
         let mut warnings = Vec::new();
         let (cameras, warning) = datum::of_cameras(problem);
         warnings.extend(warning);
@@ -107,12 +108,13 @@ impl Model {
         add_body_boxes(&mut builder, &blocks);
         add_usual_sizes(&mut builder, start, &blocks);
         add_tie_points(&mut builder, problem, current, &blocks);
-        let motion = add_motion(&mut builder, problem, &blocks, priors);
+        let motion = add_motion(&mut builder, problem, &blocks, options.motion);
         let steps = blocks.cameras.iter().enumerate().map(|(frame, camera)| TimeStep {
             observer: Some(*camera),
             bodies: blocks.vehicles.iter().filter_map(|vehicle| vehicle.poses[frame]).collect(),
         });
         builder.along_time(steps.collect(), vec![images[0]]);
+        builder.arrange(options.arrangement);
         let system = builder.build();
         Model {
             system,

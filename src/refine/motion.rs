@@ -14,7 +14,7 @@
 use super::NoSolution;
 use crate::nlls::loss::Loss;
 use crate::nlls::minimise::Minimiser;
-use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, Values};
+use crate::nlls::system::{Accuracy, BlockId, GroupId, Measurement, System, SystemBuilder, Values};
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -66,8 +66,16 @@ const FACTOR_BOUNDS: (f64, f64) = (1e-3, 1e2);
 /// Fewest rows, and least redundancy in them, from which a strength is estimated.
 const LEAST_ROWS: usize = 24;
 const LEAST_REDUNDANCY: f64 = 3.0;
-/// Random vectors for a trace.
-const PROBES: usize = 8;
+/// Random vectors for a trace, where they are as short as the least.
+const MOST_PROBES: usize = 8;
+/// Fewer do where each has many numbers: so many altogether, and two at least.
+const PROBED_ROWS: usize = 4096;
+/// Random vectors need no better solutions.
+const TRACE_ACCURACY: Accuracy = Accuracy::Share(1e-3);
+/// Traces are found in so many batches. Strengths of a batch share their solutions, which adds to each
+/// trace what the others correlate with it times random signs: nothing in the mean, and little at all
+/// where they are those of different bodies.
+const BATCHES: usize = 4;
 /// The largest power of a factor that is applied.
 const MOST_POWER: f64 = 3.0;
 
@@ -223,26 +231,35 @@ impl Motion {
         }
         let (normal, factors) = minimiser.factors(system, values).map_err(|e| NoSolution(e.to_string()))?;
         let n = normal.matrix.size();
+        let fewest = estimated.iter().map(|c| system.rows(c.group)).min().unwrap_or(0);
+        let probes = (PROBED_ROWS / fewest.max(1)).clamp(2, MOST_PROBES);
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let mut products = Vec::with_capacity(n * PROBES * estimated.len());
-        for component in &estimated {
-            for _ in 0..PROBES {
-                let sign = |_| if rng.random::<bool>() { 1.0 } else { -1.0 };
-                let signs: Vec<f64> = (0..system.rows(component.group)).map(sign).collect();
-                products.extend(system.transposed_product(component.group, normal, &signs));
+        let mut signs_of = |component: &Component| -> Vec<Vec<f64>> {
+            let mut sign = |_| if rng.random::<bool>() { 1.0 } else { -1.0 };
+            let rows = system.rows(component.group);
+            (0..probes).map(|_| (0..rows).map(&mut sign).collect()).collect()
+        };
+        let signs: Vec<Vec<Vec<f64>>> = estimated.iter().map(|c| signs_of(c)).collect();
+        let place = |component: usize, probe: usize| (component % BATCHES * probes + probe) * n;
+        let mut solutions = vec![0.0; n * probes * BATCHES.min(estimated.len())];
+        for (at, (component, signs)) in estimated.iter().zip(&signs).enumerate() {
+            for (probe, signs) in signs.iter().enumerate() {
+                let product = system.transposed_product(component.group, normal, signs);
+                let sum = &mut solutions[place(at, probe)..][..n];
+                sum.iter_mut().zip(product).for_each(|(sum, p)| *sum += p);
             }
         }
-        let mut solutions = products.clone();
-        factors.solve(system, normal, &mut solutions);
-        let dots: Vec<f64> = products
-            .chunks_exact(n)
-            .zip(solutions.chunks_exact(n))
-            .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a * b).sum())
-            .collect();
+        factors.solve(system, normal, TRACE_ACCURACY, &mut solutions);
 
         let mut largest = 1.0_f64;
-        for (component, dots) in estimated.iter_mut().zip(dots.chunks_exact(PROBES)) {
-            let trace = dots.iter().sum::<f64>() / PROBES as f64;
+        for (at, component) in estimated.iter_mut().enumerate() {
+            let trace = (0..probes)
+                .map(|probe| {
+                    let product = system.transposed_product(component.group, normal, &signs[at][probe]);
+                    product.iter().zip(&solutions[place(at, probe)..]).map(|(a, b)| a * b).sum::<f64>()
+                })
+                .sum::<f64>()
+                / probes as f64;
             let redundancy = system.rows(component.group) as f64 - trace;
             let squares: f64 = system.squared_norms(component.group, values).into_iter().flatten().sum();
             if redundancy < LEAST_REDUNDANCY {

@@ -173,6 +173,7 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
         elimination: Some(EliminationReport {
             order: match adjustment.elimination.0 {
                 Rule::FramesFirst => "frames by what image points see of them, then shape and rest",
+                Rule::BodiesApart => "each vehicle with its shape, then cameras and the rest",
                 Rule::AsDeclared => "frames along time, then shape and targets",
                 Rule::MinimumDegree => "approximate minimum degree",
             },

@@ -25,9 +25,7 @@
 //! forwards over `W`, the border loses `sum (a_t R_t)(a_t R_t)^T`, `a_t` the adjoint of `e_t`. For one
 //! vehicle under one camera this halves the work.
 
-use super::cholesky::Singular;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::{Accum, MatMut, MatRef, Par};
+use super::cholesky::{DenseCholesky, Singular};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -210,18 +208,18 @@ impl Chain {
     /// Subtracts `W^T [H^-1]_yy W` from the lower triangle of the leading `m x m` part of `border`.
     ///
     /// `coupling` holds `W^T`: `m` rows, the columns those of all `y` in time order.
-    pub fn reduce(&self, coupling: &[f64], m: usize, border: &mut DMatrix<f64>, threads: usize) {
+    pub fn reduce(&self, coupling: &[f64], m: usize, border: &mut DenseCholesky) {
         if m == 0 {
             return;
         }
         let filter = self.innovations();
         let mut y_starts = vec![0];
         self.dims.iter().for_each(|(_, y)| y_starts.push(y_starts[y_starts.len() - 1] + y));
-        let parallelism = if threads == 1 { Par::Seq } else { Par::rayon(threads) };
         let mut pieces: Vec<Adjoint> = (0..m)
             .step_by(BORDER_ROWS)
             .map(|first| Adjoint::new(first, BORDER_ROWS.min(m - first), self.band))
             .collect();
+        let mut panels: Vec<Vec<f64>> = vec![Vec::new(); pieces.len()];
         let steps = self.dims.len();
         let mut first = 0;
         while first < steps {
@@ -231,43 +229,14 @@ impl Chain {
             }
             let columns = y_starts[last] - y_starts[first];
             // Row pieces of the panel, each column after column.
-            let parts: Vec<Vec<f64>> = pieces
-                .par_iter_mut()
-                .map(|piece| {
-                    let mut panel = Vec::with_capacity(piece.rows * columns);
-                    for t in first..last {
-                        piece.step(self, t, &filter[t], coupling, m, y_starts[t], &mut panel);
-                    }
-                    panel
-                })
-                .collect();
-            let mut panel = vec![0.0; m * columns];
-            panel.par_chunks_exact_mut(m).enumerate().for_each(|(column, out)| {
-                for (piece, part) in pieces.iter().zip(&parts) {
-                    out[piece.first..piece.first + piece.rows]
-                        .copy_from_slice(&part[column * piece.rows..(column + 1) * piece.rows]);
+            pieces.par_iter_mut().zip(&mut panels).for_each(|(piece, panel)| {
+                panel.clear();
+                for t in first..last {
+                    piece.step(self, t, &filter[t], coupling, m, y_starts[t], panel);
                 }
             });
             if columns > 0 {
-                let panel = MatRef::from_column_major_slice(&panel, m, columns);
-                let stride = border.nrows();
-                let out = MatMut::from_column_major_slice_with_stride_mut(
-                    &mut border.as_mut_slice()[..stride * m],
-                    m,
-                    m,
-                    stride,
-                );
-                triangular::matmul(
-                    out,
-                    BlockStructure::TriangularLower,
-                    Accum::Add,
-                    panel,
-                    BlockStructure::Rectangular,
-                    panel.transpose(),
-                    BlockStructure::Rectangular,
-                    -1.0,
-                    parallelism,
-                );
+                border.subtract_squares(&panels, columns);
             }
             first = last;
         }
@@ -457,8 +426,9 @@ mod tests {
                 }
             }
             let wanted = w.transpose() * &inverse * &w;
-            let mut border = DMatrix::zeros(m + 2, m + 2);
-            chain.reduce(&coupling, m, &mut border, 2);
+            let mut border = DenseCholesky::new(m + 2, 1e9).unwrap();
+            chain.reduce(&coupling, m, &mut border);
+            let border = border.matrix_mut();
             for column in 0..m {
                 for row in column..m {
                     let gap = (border[(row, column)] + wanted[(row, column)]).abs();

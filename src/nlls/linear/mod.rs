@@ -25,3 +25,4 @@ pub mod chain;
 pub mod cholesky;
 pub mod matrix;
 pub mod ordering;
+pub mod pose_chain;

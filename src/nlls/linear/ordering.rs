@@ -24,6 +24,8 @@ pub enum Rule {
     MinimumDegree,
     /// Frames by the innovations of what image points see of them, then shapes and the rest, dense.
     FramesFirst,
+    /// Each body with its shape, then observers and the rest by conjugate gradients.
+    BodiesApart,
 }
 
 /// The cheaper of the declared order and approximate minimum degree, by counted operations.

@@ -19,22 +19,28 @@
 //!  [ W'              |  B   |     ]
 //!  [ V'              |      |  C  ]
 //! ```
+//!
+//! This module has the structure and the linearisation. There are two ways on from there: all bodies
+//! [together](super::together), and many bodies [apart](super::apart); the one that takes fewer operations
+//! is taken.
 
+use super::apart::{self, ApartFactor};
 use super::group::AnyGroup;
 use super::leaves::Local;
+use super::together::TogetherFactor;
 use super::{Block, BlockId, Curvature, Normal, System, Values};
-use crate::nlls::linear::chain::Chain;
-use crate::nlls::linear::cholesky::{DenseCholesky, Singular, TooLarge};
+use crate::nlls::linear::cholesky::{Singular, TooLarge};
 use crate::nlls::linear::matrix::Pattern;
+use crate::nlls::linear::pose_chain::{POSE, add_coupling_times, coupling_transposed_times};
 use crate::nlls::manifold::{Manifold, body_from_observer_motion, read_pose};
-use nalgebra::{DMatrix, DMatrixView, Matrix6, Vector6};
+use nalgebra::{DMatrix, Matrix6, Vector6};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
+use std::fmt;
+use std::str::FromStr;
 
-/// A pose.
-const POSE: usize = 6;
 /// A point of a shape.
-const POINT: usize = 3;
+pub(super) const POINT: usize = 3;
 /// Steps that one task linearises.
 const CHUNKS: usize = 8;
 /// The most steps that one measurement may span.
@@ -51,9 +57,44 @@ pub struct TimeStep {
     pub bodies: Vec<BlockId>,
 }
 
+/// How bodies are eliminated after the poses of a frame have been turned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Arrangement {
+    /// What takes fewer operations.
+    #[default]
+    Cheapest,
+    /// All poses along time, which leaves one dense system of all shapes.
+    Together,
+    /// Each body with its shape, which leaves the observers and what all share.
+    Apart,
+}
+
+impl Arrangement {
+    const ALL: [(&str, Arrangement); 3] = [
+        ("cheapest", Arrangement::Cheapest),
+        ("together", Arrangement::Together),
+        ("apart", Arrangement::Apart),
+    ];
+}
+
+impl fmt::Display for Arrangement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let found = Arrangement::ALL.iter().find(|(_, arrangement)| arrangement == self);
+        f.write_str(found.expect("all have names").0)
+    }
+}
+
+impl FromStr for Arrangement {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Arrangement::ALL.iter().find(|(name, _)| *name == text);
+        found.map(|found| found.1).ok_or_else(|| "wanted cheapest, together or apart".to_owned())
+    }
+}
+
 /// Where a block of the pattern is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Place {
+pub(super) enum Place {
     /// In the chain: step, and first scalar in it, in the order c, v.
     Chain(usize, usize),
     /// In the border.
@@ -62,46 +103,66 @@ enum Place {
 
 /// The structure: which unknown is where, and which image points each body has in each step.
 pub(super) struct Frames {
-    steps: Vec<Step>,
+    pub steps: Vec<Step>,
     /// Unknowns `(c, y)` of each step.
-    dims: Vec<(usize, usize)>,
-    band: usize,
-    places: Vec<Place>,
+    pub dims: Vec<(usize, usize)>,
+    pub band: usize,
+    pub places: Vec<Place>,
     /// The same for every scalar of the pattern.
-    scalars: Vec<Place>,
+    pub scalars: Vec<Place>,
     /// First `y` of each step, and their number at the end.
-    y_starts: Vec<usize>,
+    pub y_starts: Vec<usize>,
     /// Scalars of the border: those that image points see, and all.
-    shape: usize,
-    border: usize,
+    pub shape: usize,
+    pub border: usize,
+    /// Where the coupling of shapes is kept: one for all bodies, or one for each.
+    pub homes: Vec<Home>,
+    /// The bodies, where they are eliminated apart.
+    pub apart: Option<Vec<apart::Body>>,
     chunks: Vec<std::ops::Range<usize>>,
     /// Operations of one elimination.
     pub flops: f64,
 }
 
-struct Step {
+/// `W^T` of some bodies: their rows of the border, and columns for their `y` in time order.
+#[derive(Clone, Debug)]
+pub(super) struct Home {
+    pub rows: std::ops::Range<usize>,
+    pub columns: usize,
+}
+
+pub(super) struct Step {
     /// Block of the observer, and whether it is free.
-    observer: Option<(usize, bool)>,
-    /// Block of each body and its image points.
-    bodies: Vec<(usize, Vec<(u32, u32)>)>,
+    pub observer: Option<(usize, bool)>,
+    pub bodies: Vec<BodyAtStep>,
+}
+
+/// A body at a moment.
+pub(super) struct BodyAtStep {
+    /// Block of its pose.
+    pub block: usize,
+    /// Its image points: group and item.
+    items: Vec<(u32, u32)>,
+    /// Where its coupling is kept.
+    pub home: usize,
 }
 
 /// The image points of a linearisation.
 pub(super) struct FramesLinear {
     /// For each body of each step, in order: `Hyy`, its gradient, and the motion `A`.
-    bodies: Vec<(Matrix6<f64>, Vector6<f64>, Matrix6<f64>)>,
-    /// `W^T`: the border's rows of shape, one column for each `y`.
-    coupling: Vec<f64>,
+    pub bodies: Vec<(Matrix6<f64>, Vector6<f64>, Matrix6<f64>)>,
+    /// `W^T` of each home.
+    pub coupling: Vec<Vec<f64>>,
     /// For each chunk the shape's diagonal blocks (9 numbers each) and gradient.
-    sums: Vec<(Vec<f64>, Vec<f64>)>,
+    pub sums: Vec<(Vec<f64>, Vec<f64>)>,
     locals: Vec<Local>,
 }
 
 impl Frames {
     /// `None` where the structure is another: a pose is held in part, say.
     pub fn new(
-        steps: &[TimeStep],
-        relative: &[usize],
+        (steps, relative): (&[TimeStep], &[usize]),
+        wanted: Arrangement,
         blocks: &[Block],
         groups: &[Box<dyn AnyGroup>],
         position: &[Option<usize>],
@@ -120,9 +181,9 @@ impl Frames {
                 Some(_) => return None,
                 None => None,
             };
-            let bodies: Vec<(usize, Vec<(u32, u32)>)> =
-                step.bodies.iter().filter(is_seen).map(|b| (b.0, Vec::new())).collect();
-            for block in observer.iter().filter(|o| o.1).map(|o| o.0).chain(bodies.iter().map(|b| b.0)) {
+            let body = |b: &BlockId| BodyAtStep { block: b.0, items: Vec::new(), home: 0 };
+            let bodies: Vec<BodyAtStep> = step.bodies.iter().filter(is_seen).map(body).collect();
+            for block in observer.iter().filter(|o| o.1).map(|o| o.0).chain(bodies.iter().map(|b| b.block)) {
                 at_step[block] = Some(at);
             }
             found.push(Step { observer, bodies });
@@ -140,8 +201,8 @@ impl Frames {
                         return None;
                     }
                     let bodies = &mut found[at].bodies;
-                    let own = bodies.iter_mut().find(|b| b.0 == body.0)?;
-                    own.1.push((index as u32, item as u32));
+                    let own = bodies.iter_mut().find(|b| b.block == body.0)?;
+                    own.items.push((index as u32, item as u32));
                     is_shape[point.0] |= position[point.0].is_some();
                     continue;
                 }
@@ -165,21 +226,27 @@ impl Frames {
         let mut places = vec![Place::Border(0); pattern.rows().len()];
         for (at, step) in found.iter().enumerate() {
             let free = step.observer.iter().filter(|o| o.1).map(|o| o.0);
-            for (order, block) in free.chain(step.bodies.iter().map(|b| b.0)).enumerate() {
+            for (order, block) in free.chain(step.bodies.iter().map(|b| b.block)).enumerate() {
                 places[position[block]?] = Place::Chain(at, POSE * order);
             }
         }
+        // The points of a body stand together, then what is no shape.
+        let of_body = apart::components(&found, relative, groups, &at_step, blocks.len());
+        let mut of_position = vec![0; pattern.rows().len()];
+        for block in 0..blocks.len() {
+            position[block].into_iter().for_each(|p| of_position[p] = of_body[block]);
+        }
+        let mut in_border: Vec<usize> = (0..blocks.len())
+            .filter(|&block| position[block].is_some() && at_step[block].is_none())
+            .collect();
+        in_border.sort_by_key(|&block| (!is_shape[block], if is_shape[block] { of_body[block] } else { 0 }));
         let mut border = 0;
         let mut shape = 0;
-        for of_shape in [true, false] {
-            for block in 0..blocks.len() {
-                let Some(p) = position[block] else { continue };
-                if at_step[block].is_none() && is_shape[block] == of_shape {
-                    places[p] = Place::Border(border);
-                    border += pattern.range(p).len();
-                }
-            }
-            if of_shape {
+        for &block in &in_border {
+            let p = position[block]?;
+            places[p] = Place::Border(border);
+            border += pattern.range(p).len();
+            if is_shape[block] {
                 shape = border;
             }
         }
@@ -193,14 +260,51 @@ impl Frames {
         let mut y_starts = vec![0];
         dims.iter().for_each(|(_, y)| y_starts.push(y_starts[y_starts.len() - 1] + y));
         let (m, ys) = (border as f64, y_starts[y_starts.len() - 1] as f64);
-        let flops = ys * (shape as f64).powi(2) + m.powi(3) / 3.0;
-        if flops > MOST_FLOPS {
-            return None;
-        }
+        let together = ys * (shape as f64).powi(2) + m.powi(3) / 3.0;
         let count = found.len();
         let size = count.div_ceil(CHUNKS).max(1);
         let chunks = (0..count).step_by(size).map(|first| first..(first + size).min(count)).collect();
-        Some(Frames { steps: found, dims, band, places, scalars, y_starts, shape, border, chunks, flops })
+        let columns = y_starts[y_starts.len() - 1];
+        let homes = vec![Home { rows: 0..shape, columns }];
+        let mut frames = Frames {
+            steps: found,
+            dims,
+            band,
+            places,
+            scalars,
+            y_starts,
+            shape,
+            border,
+            homes,
+            apart: None,
+            chunks,
+            flops: together,
+        };
+        let bodies = match wanted {
+            Arrangement::Together => None,
+            _ => apart::bodies(&frames, pattern, &of_body, &of_position),
+        };
+        match bodies {
+            Some((bodies, flops)) if wanted == Arrangement::Apart || flops < together => {
+                frames.set_apart(bodies, flops);
+                Some(frames)
+            }
+            _ => (together <= MOST_FLOPS).then_some(frames),
+        }
+    }
+
+    fn set_apart(&mut self, bodies: Vec<apart::Body>, flops: f64) {
+        self.homes = bodies
+            .iter()
+            .map(|body| Home { rows: body.shape.clone(), columns: POSE * body.places.len() })
+            .collect();
+        for (home, body) in bodies.iter().enumerate() {
+            for &(step, order) in &body.places {
+                self.steps[step].bodies[order].home = home;
+            }
+        }
+        self.apart = Some(bodies);
+        self.flops = flops;
     }
 
     /// Room for a linearisation.
@@ -209,7 +313,7 @@ impl Frames {
         let sums = (vec![0.0; self.shape * POINT], vec![0.0; self.shape]);
         FramesLinear {
             bodies: vec![(Matrix6::zeros(), Vector6::zeros(), Matrix6::zeros()); bodies],
-            coupling: vec![0.0; self.shape * self.y_starts[self.steps.len()]],
+            coupling: self.homes.iter().map(|home| vec![0.0; home.rows.len() * home.columns]).collect(),
             sums: vec![sums; self.chunks.len()],
             locals: vec![Local::default(); self.chunks.len()],
         }
@@ -227,13 +331,21 @@ impl Frames {
     ) {
         let FramesLinear { bodies, coupling, sums, locals } = linear;
         let mut tasks = Vec::with_capacity(self.chunks.len());
-        let (mut bodies_left, mut coupling_left) = (bodies.as_mut_slice(), coupling.as_mut_slice());
+        let mut bodies_left = bodies.as_mut_slice();
+        let mut coupling_left: Vec<&mut [f64]> = coupling.iter_mut().map(Vec::as_mut_slice).collect();
         for ((chunk, sums), local) in self.chunks.iter().zip(sums).zip(locals) {
             let count: usize = self.steps[chunk.clone()].iter().map(|s| s.bodies.len()).sum();
             let (own_bodies, rest) = bodies_left.split_at_mut(count);
             bodies_left = rest;
-            let (own_coupling, rest) = coupling_left.split_at_mut(self.shape * POSE * count);
-            coupling_left = rest;
+            let mut columns = vec![0; self.homes.len()];
+            self.steps[chunk.clone()].iter().flat_map(|s| &s.bodies).for_each(|b| columns[b.home] += POSE);
+            let own_coupling = coupling_left
+                .iter_mut()
+                .zip(self.homes.iter().zip(columns))
+                .map(|(left, (home, columns))| {
+                    left.split_off_mut(..home.rows.len() * columns).expect("columns for each y")
+                })
+                .collect();
             tasks.push(Task {
                 frames: self,
                 system,
@@ -249,7 +361,7 @@ impl Frames {
         tasks.into_par_iter().for_each(|task| Arch::new().dispatch(task));
         let mut body = linear.bodies.iter();
         for step in &self.steps {
-            for (block, _) in &step.bodies {
+            for BodyAtStep { block, .. } in &step.bodies {
                 let (h, g, a) = body.next().expect("one for each body");
                 let mut add = |block: usize, g: Vector6<f64>, d: Vector6<f64>| {
                     let start = system.step_start[block].expect("free");
@@ -287,7 +399,8 @@ struct Task<'a> {
     curvature: Curvature,
     chunk: std::ops::Range<usize>,
     bodies: &'a mut [(Matrix6<f64>, Vector6<f64>, Matrix6<f64>)],
-    coupling: &'a mut [f64],
+    /// What is left of each home.
+    coupling: Vec<&'a mut [f64]>,
     sums: &'a mut (Vec<f64>, Vec<f64>),
     local: &'a mut Local,
 }
@@ -297,17 +410,16 @@ impl WithSimd for Task<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Task { frames, system, values, curvature, chunk, bodies, coupling, sums, local } = self;
-        coupling.fill(0.0);
+        let Task { frames, system, values, curvature, chunk, bodies, mut coupling, sums, local } = self;
+        coupling.iter_mut().for_each(|coupling| coupling.fill(0.0));
         sums.0.fill(0.0);
         sums.1.fill(0.0);
-        let m = frames.shape;
-        let mut columns = coupling.chunks_exact_mut(m * POSE);
         let mut bodies = bodies.iter_mut();
         for step in &frames.steps[chunk] {
-            for (body, items) in &step.bodies {
-                let mut none = [];
-                let w = if m > 0 { columns.next().expect("six columns a body") } else { &mut none[..] };
+            for BodyAtStep { block: body, items, home } in &step.bodies {
+                let rows = &frames.homes[*home].rows;
+                let (m, first) = (rows.len(), rows.start);
+                let w = coupling[*home].split_off_mut(..m * POSE).expect("six columns a body");
                 let mut h = [[0.0; POSE]; POSE];
                 let mut g = [0.0; POSE];
                 local.clear();
@@ -348,7 +460,7 @@ impl WithSimd for Task<'_> {
                             local.other[entry.other + row * entry.width + column + i]
                         });
                         for k in 0..POSE {
-                            let out = &mut w[k * m + at..][..POINT];
+                            let out = &mut w[k * m + at - first..][..POINT];
                             for i in 0..POINT {
                                 out[i] += v[k] * p[i];
                             }
@@ -376,27 +488,38 @@ impl WithSimd for Task<'_> {
     }
 }
 
+/// How well a system is solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Accuracy {
+    /// To rounding.
+    Exact,
+    /// Where it is solved by iterations, until the residual is this share of the right-hand side; without
+    /// a refinement in any case.
+    Share(f64),
+}
+
+/// Residual, as a share of the right-hand side, at which iterations end: at first, and in the refinement.
+const EXACT_TOLERANCES: [f64; 2] = [1e-8, 1e-5];
+
 /// The factors of a damped system.
 pub struct FramesFactor {
-    chain: Chain,
-    border: DenseCholesky,
-    /// `V` and `H^-1 V`.
-    rest: [DMatrix<f64>; 2],
+    kind: Kind,
     /// What was added to the diagonal.
     extra: Vec<f64>,
 }
 
+enum Kind {
+    Together(TogetherFactor),
+    Apart(ApartFactor),
+}
+
 impl FramesFactor {
     pub(super) fn new(frames: &Frames) -> Result<Self, TooLarge> {
-        let chain = Chain::new(frames.dims.clone(), frames.band);
-        let (n, r) = (chain.size(), frames.border - frames.shape);
-        let border = DenseCholesky::new(frames.border, frames.flops)?;
-        Ok(FramesFactor {
-            chain,
-            border,
-            rest: [DMatrix::zeros(n, r), DMatrix::zeros(n, r)],
-            extra: Vec::new(),
-        })
+        let kind = match &frames.apart {
+            None => Kind::Together(TogetherFactor::new(frames)?),
+            Some(bodies) => Kind::Apart(ApartFactor::new(frames, bodies)?),
+        };
+        Ok(FramesFactor { kind, extra: Vec::new() })
     }
 
     /// Factorises the normal matrix with `extra` on its diagonal.
@@ -406,161 +529,41 @@ impl FramesFactor {
         normal: &Normal,
         extra: &[f64],
     ) -> Result<(), Singular> {
-        let linear = normal.frames.as_ref().expect("linearised by frames");
-        self.extra = extra.to_vec();
-        let FramesFactor { chain, border, rest: [rest, solved], .. } = self;
-        chain.clear();
-        rest.fill(0.0);
-        border.matrix_mut().fill(0.0);
-        normal.matrix.for_each_entry(|row, column, value| {
-            let (i, j) = (frames.scalars[row], frames.scalars[column]);
-            let value = value + if row == column { extra[row] } else { 0.0 };
-            match (i, j) {
-                (Place::Chain(s, i), Place::Chain(t, j)) => {
-                    let (s, i, t, j) = if s >= t { (s, i, t, j) } else { (t, j, s, i) };
-                    let block = chain.block_mut(t, s - t);
-                    block[(i, j)] = value;
-                    if s == t {
-                        block[(j, i)] = value;
-                    }
-                }
-                (Place::Border(i), Place::Border(j)) => {
-                    border.matrix_mut()[(i.max(j), i.min(j))] = value;
-                }
-                (Place::Chain(t, i), Place::Border(j)) | (Place::Border(j), Place::Chain(t, i)) => {
-                    rest[(chain.start(t) + i, j - frames.shape)] = value;
-                }
-            }
-        });
-        // Into c, y; and the image points.
-        let turns = frames.turns(linear);
-        let mut body = linear.bodies.iter();
-        for t in 0..frames.steps.len() {
-            for k in 0..=frames.band.min(frames.steps.len() - 1 - t) {
-                let block = chain.block_mut(t, k);
-                *block = turns[t + k].transpose() * &*block * &turns[t];
-            }
-            let (c, _) = frames.dims[t];
-            let diagonal = chain.block_mut(t, 0);
-            for i in 0..frames.steps[t].bodies.len() {
-                let (h, ..) = body.next().expect("one for each body");
-                let mut own = diagonal.fixed_view_mut::<POSE, POSE>(c + POSE * i, c + POSE * i);
-                own += h;
-            }
-            let range = (chain.start(t), turns[t].nrows());
-            let turned = turns[t].transpose() * rest.rows(range.0, range.1);
-            rest.rows_mut(range.0, range.1).copy_from(&turned);
+        self.extra.clear();
+        self.extra.extend_from_slice(extra);
+        match &mut self.kind {
+            Kind::Together(factor) => factor.factorise(frames, normal, extra),
+            Kind::Apart(factor) => factor.factorise(frames, normal, extra),
         }
-        for (blocks, _) in &linear.sums {
-            for at in (0..frames.shape).step_by(POINT) {
-                for i in 0..POINT {
-                    for j in 0..=i {
-                        border.matrix_mut()[(at + i, at + j)] += blocks[POINT * at + i * POINT + j];
-                    }
-                }
-            }
-        }
-        chain.factorise()?;
-        solved.copy_from(rest);
-        chain.solve(solved);
-        let (m, r) = (frames.shape, frames.border - frames.shape);
-        if r > 0 {
-            let below = frames.coupling_times(linear, chain, solved);
-            let matrix = border.matrix_mut();
-            for i in 0..r {
-                for j in 0..m {
-                    matrix[(m + i, j)] -= below[(j, i)];
-                }
-            }
-            let own = rest.transpose() * &*solved;
-            for i in 0..r {
-                for j in 0..=i {
-                    matrix[(m + i, m + j)] -= own[(i, j)];
-                }
-            }
-        }
-        border.install(|matrix, threads| chain.reduce(&linear.coupling, m, matrix, threads));
-        border.factorise()
     }
 
     /// Solves for right-hand sides in the order of the pattern, in place. What the change of variables
     /// cancels in a right-hand side is made good by one refinement.
-    pub(super) fn solve(&mut self, frames: &Frames, normal: &Normal, b: &mut [f64]) {
+    pub(super) fn solve(&mut self, frames: &Frames, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
+        let [first, refined] = match accuracy {
+            Accuracy::Exact => EXACT_TOLERANCES,
+            Accuracy::Share(share) => return self.solve_once(frames, normal, b, share),
+        };
         let mut x = b.to_vec();
-        self.solve_once(frames, normal, &mut x);
+        self.solve_once(frames, normal, &mut x, first);
         let n = normal.matrix.size().max(1);
         for (x, b) in x.chunks_exact(n).zip(b.chunks_exact_mut(n)) {
             let product = frames.multiply(normal, &self.extra, x);
             b.iter_mut().zip(product).for_each(|(b, p)| *b -= p);
         }
-        self.solve_once(frames, normal, b);
+        self.solve_once(frames, normal, b, refined);
         b.iter_mut().zip(x).for_each(|(b, x)| *b += x);
     }
 
-    fn solve_once(&mut self, frames: &Frames, normal: &Normal, b: &mut [f64]) {
-        let linear = normal.frames.as_ref().expect("linearised by frames");
-        let n = normal.matrix.size();
-        let turns = frames.turns(linear);
-        let sides = b.len() / n.max(1);
-        let FramesFactor { chain, border, rest: [rest, solved], .. } = self;
-        let mut x = DMatrix::zeros(chain.size(), sides);
-        let mut s = DMatrix::zeros(frames.border, sides);
-        for (side, b) in b.chunks_exact(n).enumerate() {
-            for (index, value) in b.iter().enumerate() {
-                match frames.scalars[index] {
-                    Place::Chain(t, i) => x[(chain.start(t) + i, side)] = *value,
-                    Place::Border(i) => s[(i, side)] = *value,
-                }
-            }
-        }
-        for (t, turn) in turns.iter().enumerate() {
-            let turned = turn.transpose() * x.rows(chain.start(t), turn.nrows());
-            x.rows_mut(chain.start(t), turn.nrows()).copy_from(&turned);
-        }
-        chain.solve(&mut x);
-        let (m, r) = (frames.shape, frames.border - frames.shape);
-        let seen = frames.coupling_times(linear, chain, &x);
-        let mut of_shape = s.rows_mut(0, m);
-        of_shape -= seen;
-        let mut of_rest = s.rows_mut(m, r);
-        of_rest -= rest.transpose() * &x;
-        border.solve(&mut s);
-        let mut back = frames.coupling_transposed_times(linear, chain, &s);
-        chain.solve(&mut back);
-        x -= back;
-        x -= &*solved * s.rows(m, r);
-        for (t, turn) in turns.iter().enumerate() {
-            let turned = turn * x.rows(chain.start(t), turn.nrows());
-            x.rows_mut(chain.start(t), turn.nrows()).copy_from(&turned);
-        }
-        for (side, b) in b.chunks_exact_mut(n).enumerate() {
-            for (index, value) in b.iter_mut().enumerate() {
-                *value = match frames.scalars[index] {
-                    Place::Chain(t, i) => x[(chain.start(t) + i, side)],
-                    Place::Border(i) => s[(i, side)],
-                };
-            }
+    fn solve_once(&mut self, frames: &Frames, normal: &Normal, b: &mut [f64], tolerance: f64) {
+        match &mut self.kind {
+            Kind::Together(factor) => factor.solve(frames, normal, b),
+            Kind::Apart(factor) => factor.solve(normal, b, tolerance),
         }
     }
 }
 
 impl Frames {
-    /// `T` of each step: `(c, v)` from `(c, y)`.
-    fn turns(&self, linear: &FramesLinear) -> Vec<DMatrix<f64>> {
-        let mut body = linear.bodies.iter();
-        let turn = |(step, &(c, y)): (&Step, &(usize, usize))| {
-            let mut turn = DMatrix::identity(c + y, c + y);
-            for i in 0..step.bodies.len() {
-                let (.., a) = body.next().expect("one for each body");
-                if c > 0 {
-                    turn.fixed_view_mut::<POSE, POSE>(c + POSE * i, 0).copy_from(&-a);
-                }
-            }
-            turn
-        };
-        self.steps.iter().zip(&self.dims).map(turn).collect()
-    }
-
     /// The normal matrix with `extra` on its diagonal, times `x`, in the order of the pattern.
     fn multiply(&self, normal: &Normal, extra: &[f64], x: &[f64]) -> Vec<f64> {
         let linear = normal.frames.as_ref().expect("linearised by frames");
@@ -584,8 +587,18 @@ impl Frames {
             }
         }
         let read = |start: usize| Vector6::from_column_slice(&x[start..start + POSE]);
-        let mut y = DMatrix::zeros(self.y_starts[self.steps.len()], 1);
-        let seen_by_frames = self.coupling(linear).tr_mul(&shape);
+        let seen_by_frames: Vec<DMatrix<f64>> = self
+            .homes
+            .iter()
+            .zip(&linear.coupling)
+            .map(|(home, coupling)| {
+                let of_home = shape.rows(home.rows.start, home.rows.len()).into_owned();
+                coupling_transposed_times(coupling, home.columns, &of_home)
+            })
+            .collect();
+        let mut ys: Vec<DMatrix<f64>> =
+            self.homes.iter().map(|home| DMatrix::zeros(home.columns, 1)).collect();
+        let mut next = vec![0; self.homes.len()];
         let mut body = linear.bodies.iter();
         for (t, starts) in starts.iter().enumerate() {
             for i in 0..self.steps[t].bodies.len() {
@@ -595,9 +608,11 @@ impl Frames {
                 if has_observer {
                     of_y += a * read(starts[0]);
                 }
-                let at = self.y_starts[t] + POSE * i;
-                y.rows_mut(at, POSE).copy_from(&of_y);
-                let force = h * of_y + seen_by_frames.fixed_view::<POSE, 1>(at, 0);
+                let home = self.steps[t].bodies[i].home;
+                let at = next[home];
+                next[home] += POSE;
+                ys[home].rows_mut(at, POSE).copy_from(&of_y);
+                let force = h * of_y + seen_by_frames[home].fixed_view::<POSE, 1>(at, 0);
                 for (k, f) in force.iter().enumerate() {
                     product[starts[1 + i] + k] += f;
                 }
@@ -608,7 +623,12 @@ impl Frames {
                 }
             }
         }
-        let mut of_shape = self.coupling(linear) * y;
+        let mut of_shape = DMatrix::zeros(self.shape, 1);
+        for ((home, coupling), y) in self.homes.iter().zip(&linear.coupling).zip(&ys) {
+            let mut own = DMatrix::zeros(home.rows.len(), 1);
+            add_coupling_times(coupling, y, &mut own);
+            of_shape.rows_mut(home.rows.start, home.rows.len()).copy_from(&own);
+        }
         for (blocks, _) in &linear.sums {
             for at in (0..self.shape).step_by(POINT) {
                 for i in 0..POINT {
@@ -627,35 +647,6 @@ impl Frames {
                     product[start + i] += of_shape[at + i];
                 }
             }
-        }
-        product
-    }
-
-    /// `W^T`.
-    fn coupling<'a>(&self, linear: &'a FramesLinear) -> DMatrixView<'a, f64> {
-        DMatrixView::from_slice(&linear.coupling, self.shape, self.y_starts[self.steps.len()])
-    }
-
-    /// `W^T x`.
-    fn coupling_times(&self, linear: &FramesLinear, chain: &Chain, x: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut of_y = DMatrix::zeros(self.y_starts[self.steps.len()], x.ncols());
-        for (t, &(c, y)) in self.dims.iter().enumerate() {
-            of_y.rows_mut(self.y_starts[t], y).copy_from(&x.rows(chain.start(t) + c, y));
-        }
-        self.coupling(linear) * of_y
-    }
-
-    /// `W s`, zero in all `c`.
-    fn coupling_transposed_times(
-        &self,
-        linear: &FramesLinear,
-        chain: &Chain,
-        s: &DMatrix<f64>,
-    ) -> DMatrix<f64> {
-        let of_y = self.coupling(linear).tr_mul(&s.rows(0, self.shape));
-        let mut product = DMatrix::zeros(chain.size(), s.ncols());
-        for (t, &(c, y)) in self.dims.iter().enumerate() {
-            product.rows_mut(chain.start(t) + c, y).copy_from(&of_y.rows(self.y_starts[t], y));
         }
         product
     }

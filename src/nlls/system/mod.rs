@@ -3,6 +3,7 @@
 //! The order in which blocks and measurements are added is the order of every sum, so that a result
 //! depends on neither chance nor the number of threads.
 
+mod apart;
 mod assembly;
 mod frames;
 mod group;
@@ -10,8 +11,9 @@ mod leaves;
 mod orbit;
 #[cfg(test)]
 mod tests;
+mod together;
 
-pub use frames::{FramesFactor, TimeStep};
+pub use frames::{Accuracy, Arrangement, FramesFactor, TimeStep};
 pub use group::{IMPOSSIBLE_SIGMAS, Measurement};
 
 use super::linear::cholesky::{Singular, TooLarge};
@@ -66,6 +68,7 @@ pub struct SystemBuilder {
     leaves: Vec<BlockId>,
     steps: Vec<TimeStep>,
     relative: Vec<usize>,
+    arrangement: Arrangement,
 }
 
 impl SystemBuilder {
@@ -128,6 +131,11 @@ impl SystemBuilder {
         self.relative = relative.iter().map(|group| group.0).collect();
     }
 
+    /// Chooses how bodies are eliminated by frames, instead of what takes fewer operations.
+    pub fn arrange(&mut self, arrangement: Arrangement) {
+        self.arrangement = arrangement;
+    }
+
     /// Finds the pattern of the normal matrix and its elimination order. Blocks that no measurement
     /// sees are held.
     pub fn build(mut self) -> System {
@@ -160,7 +168,9 @@ impl SystemBuilder {
         let by_frames = || {
             let (pattern, position) = structure(&self.relative);
             let blocks = &self.blocks;
-            let frames = Frames::new(&self.steps, &self.relative, blocks, &self.groups, &position, &pattern)?;
+            let declared = (self.steps.as_slice(), self.relative.as_slice());
+            let wanted = self.arrangement;
+            let frames = Frames::new(declared, wanted, blocks, &self.groups, &position, &pattern)?;
             Some((pattern, position, frames))
         };
         let wants_frames = leaf_blocks.is_empty() && !self.relative.is_empty();
@@ -417,6 +427,7 @@ impl System {
     /// In which order the unknowns are eliminated, and operations of one factorisation.
     pub fn elimination(&self) -> (Rule, f64) {
         match &self.frames {
+            Some(frames) if frames.apart.is_some() => (Rule::BodiesApart, frames.flops),
             Some(frames) => (Rule::FramesFirst, frames.flops),
             None => (self.pattern.ordering().rule, self.pattern.ordering().flops),
         }
@@ -438,8 +449,14 @@ impl System {
     }
 
     /// Solves with these factors in place, for right-hand sides in elimination order.
-    pub fn solve_frames(&self, normal: &Normal, factor: &mut FramesFactor, b: &mut [f64]) {
-        factor.solve(self.frames.as_ref().expect("frames are eliminated first"), normal, b);
+    pub fn solve_frames(
+        &self,
+        normal: &Normal,
+        factor: &mut FramesFactor,
+        accuracy: Accuracy,
+        b: &mut [f64],
+    ) {
+        factor.solve(self.frames.as_ref().expect("frames are eliminated first"), normal, accuracy, b);
     }
 
     /// `values` moved by a step.

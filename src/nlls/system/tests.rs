@@ -530,7 +530,7 @@ impl Residual<6, 1> for Near {
 
 /// Seven moments of two bodies under one observer; a body is not there at two of them, a point is held in
 /// part and another whole; observers and bodies move smoothly, and see static points and a scalar.
-fn film(frames: bool, held_observers: bool, loss: Loss) -> System {
+fn film(frames: Option<Arrangement>, held_observers: bool, loss: Loss) -> System {
     let mut builder = SystemBuilder::default();
     let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
     let near = |k: f64, z: f64| {
@@ -613,7 +613,8 @@ fn film(frames: bool, held_observers: bool, loss: Loss) -> System {
         sigma: [0.5],
     });
     builder.add_group("level", Loss::Squared, level.collect());
-    if frames {
+    if let Some(arrangement) = frames {
+        builder.arrange(arrangement);
         let step =
             |t: usize| TimeStep { observer: Some(observers[t]), bodies: vec![bodies[0][t], bodies[1][t]] };
         builder.along_time((0..moments as usize).map(step).collect(), vec![sights]);
@@ -623,10 +624,20 @@ fn film(frames: bool, held_observers: bool, loss: Loss) -> System {
 
 #[test]
 fn frames_first_changes_no_step() {
+    for (arrangement, rule) in
+        [(Arrangement::Together, Rule::FramesFirst), (Arrangement::Apart, Rule::BodiesApart)]
+    {
+        assert_frames_change_no_step(arrangement, rule);
+    }
+}
+
+fn assert_frames_change_no_step(arrangement: Arrangement, rule: Rule) {
     for held_observers in [false, true] {
         for loss in [Loss::Squared, Loss::Huber { scale: 3.0 }, Loss::Tukey { scale: 200.0 }] {
-            let (whole, framed) = (film(false, held_observers, loss), film(true, held_observers, loss));
+            let whole = film(None, held_observers, loss);
+            let framed = film(Some(arrangement), held_observers, loss);
             assert!(framed.has_frames() && !whole.has_frames());
+            assert_eq!(framed.elimination().0, rule);
             for (damping, least_flatness) in [(0.0, 1.0), (1e-4, 1.0), (1.0, 1.0), (1e-3, 0.1)] {
                 let curvature = Curvature { damping, least_flatness };
                 let (wanted, model) = step_of(&whole, curvature);
@@ -639,7 +650,7 @@ fn frames_first_changes_no_step() {
                 let mut delta: Vec<f64> = normal.raw_gradient().iter().map(|g| -g).collect();
                 // Two right-hand sides at once.
                 delta.extend(delta.clone().iter().map(|d| 2.0 * d));
-                framed.solve_frames(&normal, &mut factor, &mut delta);
+                framed.solve_frames(&normal, &mut factor, Accuracy::Exact, &mut delta);
                 let n = delta.len() / 2;
                 for i in 0..n {
                     assert!((2.0 * delta[i] - delta[n + i]).abs() <= 1e-12 * delta[n + i].abs());
@@ -655,13 +666,33 @@ fn frames_first_changes_no_step() {
                 }
                 let (found, wanted) = (DVector::from_vec(found), DVector::from_vec(wanted.concat()));
                 let gap = (&found - &wanted).norm() / wanted.norm();
-                assert!(gap < 1e-10, "{held_observers} {loss:?} damping {damping}: {gap:e}");
+                assert!(gap < 1e-10, "{arrangement:?} {held_observers} {loss:?} damping {damping}: {gap:e}");
                 for (found, wanted) in [step.slope, step.squared, largest].iter().zip(model) {
                     assert!((found - wanted).abs() < 1e-10 * wanted.abs(), "{found} {wanted}");
                 }
             }
         }
     }
+}
+
+#[test]
+fn bodies_apart_are_solved_to_the_same_bits_by_any_number_of_threads() {
+    let bits = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let system = film(Some(Arrangement::Apart), false, Loss::Huber { scale: 3.0 });
+            let mut normal = system.normal();
+            system.linearise(system.start(), Curvature::PLAIN, &mut normal).unwrap();
+            let mut factor = system.frames_factor().unwrap();
+            let extra = vec![0.0; system.pattern().size()];
+            system.factorise_frames(&normal, &extra, &mut factor).unwrap();
+            let mut step = normal.raw_gradient().to_vec();
+            system.solve_frames(&normal, &mut factor, Accuracy::Exact, &mut step);
+            step.iter().map(|s| s.to_bits()).collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(bits(1), bits(2));
+    assert_eq!(bits(1), bits(5));
 }
 
 #[test]
