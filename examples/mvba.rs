@@ -112,6 +112,7 @@ impl Problem {
             size_px: [2 * cx as u32, 2 * cy as u32],
             focal_px: Vector2::new(f, f),
             principal_px: Vector2::new(cx, cy),
+            pixel_centre_px: 0.0,
             lens: Lens::Pinhole,
         };
         let [ct, cr, vt, vr, mt, mr] = words.array()?;

@@ -3,6 +3,7 @@
 mod support;
 
 use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
 use support::drive::{Drive, Truth};
 use trackbundle::estimate::Estimate;
 use trackbundle::files::read_problem;
@@ -11,6 +12,7 @@ use trackbundle::initialise::{Method, initialise};
 use trackbundle::nlls::loss::LossName;
 use trackbundle::problem::Problem;
 use trackbundle::refine::{Adjustment, MotionPriors, RefineOptions, refine};
+use trackbundle::terrain::{Grid, Terrain};
 
 fn problem(drive: &Drive) -> (Problem, Truth) {
     let folder = tempfile::tempdir().unwrap();
@@ -267,6 +269,79 @@ fn the_bias_of_the_terrain_is_found_where_poses_are_known() {
     let (problem, _) = problem(&drive);
     let (end, _) = adjust(&problem);
     assert!((end.terrain_bias_m - 0.35).abs() < 0.01, "{}", end.terrain_bias_m);
+}
+
+/// The same problem, moved in the world, on a grid that has these heights.
+fn moved_onto_grid(problem: &Problem, motion: &Pose, height_m: impl Fn(f64, f64) -> f64) -> Problem {
+    let mut moved = problem.clone();
+    moved.camera_poses.iter_mut().for_each(|pose| *pose = motion * *pose);
+    for pose in moved.vehicles.iter_mut().flat_map(|vehicle| vehicle.poses.iter_mut().flatten()) {
+        *pose = motion * *pose;
+    }
+    for target in &mut moved.targets {
+        let place = motion * target.surveyed().unwrap();
+        for (known, value_m) in target.known.iter_mut().zip(place.iter()) {
+            known.as_mut().unwrap().value_m = *value_m;
+        }
+    }
+    let node = |at: usize| 7.0 * at as f64 - 350.0;
+    let heights = (0..101).flat_map(|j| (0..101).map(move |i| (node(i), node(j))));
+    let heights = heights.map(|(x, y)| height_m(x, y)).collect();
+    let grid = Grid::new([node(0), node(0)], [7.0, 7.0], [101, 101], heights).unwrap();
+    moved.ground.as_mut().unwrap().terrain = Terrain::Grid(Arc::new(grid));
+    moved
+}
+
+/// Largest distance of two tracks \[m\].
+fn apart(a: (&Estimate, &Problem), b: (&Estimate, &Problem), b_from_a: &Pose) -> f64 {
+    let track = |(estimate, problem): (&Estimate, &Problem)| {
+        estimate.vehicles[0].track(problem, &problem.vehicles[0]).into_iter().map(|t| t.position)
+    };
+    track(a).zip(track(b)).map(|(a, b)| (b_from_a * a - b).norm()).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_grid_holds_a_vehicle_as_a_plane_does() {
+    let options = RefineOptions { motion: MotionPriors::OFF, ..Default::default() };
+    let adjust = |problem: &Problem| {
+        let (end, adjustment) = refine(problem, &start(problem), &options, None).unwrap();
+        assert!(adjustment.warnings.is_empty(), "{:?}", adjustment.warnings);
+        end
+    };
+    let (on_plane, _) = problem(&Drive::default());
+    let end = adjust(&on_plane);
+    let level = moved_onto_grid(&on_plane, &Pose::identity(), |_, _| 0.0);
+    let distance = apart((&end, &on_plane), (&adjust(&level), &level), &Pose::identity());
+    assert!(distance < 1e-9, "{distance}");
+
+    // The world tilted by 4 degrees. What stands on it does so the same, but for the cosine between a
+    // height and a distance from the ground.
+    let tilt = 4_f64.to_radians();
+    let motion = Pose::new(Vector3::new(0.0, 0.0, 12.0), Vector3::y() * -tilt);
+    let sloping = moved_onto_grid(&on_plane, &motion, |x, _| 12.0 + x * tilt.tan());
+    let distance = apart((&end, &on_plane), (&adjust(&sloping), &sloping), &motion);
+    assert!(distance < 1e-3, "{distance}");
+}
+
+#[test]
+fn a_vehicle_that_leaves_the_grid_is_tied_as_long_as_it_is_on_it() {
+    let (on_plane, truth) = problem(&Drive::default());
+    let (mut cut, mut without) = (on_plane.clone(), on_plane.clone());
+    let place = on_plane.vehicles[0].poses[30].unwrap().translation;
+    let grid = Grid::new([place.x, -350.0], [350.0, 350.0], [2, 3], vec![0.0; 6]).unwrap();
+    cut.ground.as_mut().unwrap().terrain = Terrain::Grid(Arc::new(grid));
+    without.ground = None;
+    let (end, adjustment) = adjust(&cut);
+    let [warning] = adjustment.warnings.as_slice() else { panic!("{:?}", adjustment.warnings) };
+    assert!(warning.starts_with("vehicle car0: poses without ground below them"), "{warning}");
+    // From frame 33 on it is on the grid.
+    let height_error = |end: &Estimate, problem: &Problem| {
+        let track = end.vehicles[0].track(problem, &problem.vehicles[0]);
+        let errors = track.iter().zip(truth.mark(0)).map(|(found, mark)| (found.position.z - mark.z).abs());
+        errors.skip(33).fold(0.0, f64::max)
+    };
+    let errors = [height_error(&end, &cut), height_error(&adjust(&without).0, &without)];
+    assert!(errors[0] < 0.01 && errors[1] > 0.02, "{errors:?}");
 }
 
 #[test]

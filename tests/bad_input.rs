@@ -73,6 +73,16 @@ const DAMAGES: &[(&str, Damage, &[&str])] = &[
     ("problem.toml", Replace("vehicle_px = 1", "vehicle_px = -1"), &["column noise.vehicle_px"]),
     ("problem.toml", Replace("plane_z = 0.0", "plane = 0.0"), &["column terrain.plane_z"]),
     ("problem.toml", Replace("plane_z = 0.0", "grid = \"none.asc\""), &["none.asc"]),
+    (
+        "problem.toml",
+        Replace("plane_z = 0.0", "plane_z = 0.0\ngrid = \"ground.asc\""),
+        &["one of plane_z and grid"],
+    ),
+    (
+        "problem.toml",
+        Replace("width = 3840", "pixel_centre = 1\nwidth = 3840"),
+        &["column camera.pixel_centre"],
+    ),
     ("problem.toml", Replace("[[vehicle]]", "[[vehicles]]"), &["column vehicle", "[[vehicle]]"]),
     (
         "problem.toml",
@@ -130,11 +140,45 @@ const DAMAGES: &[(&str, Damage, &[&str])] = &[
     ("reference/car0.ply", Replace("1 2 3", "1 2"), &["reference/car0.ply"]),
 ];
 
+const GRID: &str = "ncols 3\nnrows 2\nxllcorner -500\nyllcorner -500\ncellsize 500\n0 0 0\n0 0 0\n";
+
+/// A problem on a terrain grid.
+fn on_a_grid(folder: &Path) {
+    whole(folder);
+    std::fs::write(folder.join("ground.asc"), GRID).unwrap();
+    apply(&Replace("plane_z = 0.0", "grid = \"ground.asc\""), &folder.join("problem.toml"));
+}
+
+/// Damages to the grid of [`on_a_grid`].
+const GRID_DAMAGES: &[(&str, Damage, &[&str])] = &[
+    ("ground.asc", Missing, &["ground.asc: expected the terrain grid that problem.toml names"]),
+    ("ground.asc", Whole(b""), &["ground.asc:1: column ncols", "\"nothing\""]),
+    ("ground.asc", Replace("nrows 2", "nrows two"), &["ground.asc:2: column nrows", "\"two\""]),
+    ("ground.asc", Replace("cellsize 500", "cellsize -5"), &["ground.asc:5: column cellsize", "\"-5\""]),
+    ("ground.asc", Replace("cellsize 500", "cell 500"), &["ground.asc:5", "\"cell\""]),
+    ("ground.asc", Replace("0 0 0", "0 0"), &["ground.asc:6: expected 3 heights", "\"2\""]),
+    ("ground.asc", Without(7), &["ground.asc:6: expected 3 x 2 heights", "\"3 on 1 lines\""]),
+    ("ground.asc", Replace("0 0 0", "0 low 0"), &["ground.asc:6: column 2", "\"low\""]),
+    ("ground.asc", Replace("0 0 0\n0 0 0", "-9999 -9999 -9999\n-9999 -9999 -9999"), &["at least one height"]),
+    ("ground.asc", Whole(b"II*\0\x08\0\0\0\x05"), &["ground.asc: expected a GeoTIFF that can be read"]),
+    ("problem.toml", Replace("ground.asc", "frames.csv"), &["frames.csv:1: expected a key of the header"]),
+    ("problem.toml", Replace("ground.asc", "reference"), &["reference: expected the terrain grid"]),
+];
+
 #[test]
 fn damaged_copies_are_refused_with_their_place_and_nothing_is_written() {
+    refuse_damages(whole, DAMAGES);
+}
+
+#[test]
+fn damaged_terrain_grids_are_refused_with_their_place() {
+    refuse_damages(on_a_grid, GRID_DAMAGES);
+}
+
+fn refuse_damages(whole: impl Fn(&Path), damages: &[(&str, Damage, &[&str])]) {
     let source = tempfile::tempdir().unwrap();
     whole(source.path());
-    for (number, (file, damage, wanted)) in DAMAGES.iter().enumerate() {
+    for (number, (file, damage, wanted)) in damages.iter().enumerate() {
         let place = tempfile::tempdir().unwrap();
         let problem = place.path().join("problem");
         support::copy_folder(source.path(), &problem);
@@ -161,6 +205,36 @@ fn the_undamaged_problem_is_accepted() {
     whole(&problem);
     program().arg("refine").arg(&problem).args(["--no-rrd", "--quiet"]).assert().success();
     assert!(place.path().join("problem-result/report.json").is_file());
+}
+
+#[test]
+fn grids_and_fisheye_lenses_are_accepted_and_what_they_do_not_reach_is_told() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    on_a_grid(&problem);
+    let accepted = |args: &[&str]| {
+        let output = program().args(args).arg(&problem).output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{errors}");
+        errors
+    };
+    let errors = accepted(&["refine", "--no-rrd"]);
+    assert!(!errors.contains("without ground") && !errors.contains("fold"), "{errors}");
+    apply(&Replace("xllcorner -500", "xllcorner 5000"), &problem.join("ground.asc"));
+    let errors = accepted(&["refine", "--no-rrd"]);
+    assert!(errors.contains("vehicle car0: poses without ground below them"), "{errors}");
+    assert!(errors.contains("outside the terrain grid"), "{errors}");
+
+    // A lens that sees 10 degrees off its axis, and no farther.
+    let folding = "model = \"fisheye\"\nk1 = -11\nwidth = 3840";
+    apply(&Replace("width = 3840", folding), &problem.join("problem.toml"));
+    let errors = accepted(&["check"]);
+    assert!(errors.contains("camera.model folds over inside the image, 31"), "{errors}");
+    let wanted =
+        "target_observations.csv: image points beyond the fold of the lens model, which are left out: 30,";
+    assert!(errors.contains(wanted), "{errors}");
+    let output = program().args(["refine", "--no-rrd"]).arg(&problem).output().unwrap();
+    assert!(matches!(output.status.code(), Some(0 | 4)), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]
@@ -193,15 +267,10 @@ fn all_findings_of_all_files_come_at_once() {
 
 #[test]
 fn what_is_not_computed_yet_is_refused_by_name() {
-    let grid = "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n0 0\n0 0\n";
     let no_cameras = |problem: &Path| std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
     let no_vehicles = |problem: &Path| std::fs::remove_file(problem.join("vehicle_poses.csv")).unwrap();
     let settings = |from: &'static str, to: &'static str| {
         move |problem: &Path| apply(&Replace(from, to), &problem.join("problem.toml"))
-    };
-    let with_grid = move |problem: &Path| {
-        std::fs::write(problem.join("terrain.asc"), grid).unwrap();
-        apply(&Replace("plane_z = 0.0", "grid = \"terrain.asc\""), &problem.join("problem.toml"));
     };
     let with_gnss = |problem: &Path| {
         std::fs::create_dir(problem.join("observations")).unwrap();
@@ -209,13 +278,11 @@ fn what_is_not_computed_yet_is_refused_by_name() {
         std::fs::write(problem.join("observations/gnss.csv"), table).unwrap();
     };
     type Change = Box<dyn Fn(&Path)>;
-    let cases: [(&str, Change); 7] = [
+    let cases: [(&str, Change); 5] = [
         ("spatial resection", Box::new(no_cameras)),
         ("ray-terrain intersection", Box::new(no_vehicles)),
-        ("fisheye", Box::new(settings("width = 3840", "model = \"fisheye\"\nwidth = 3840"))),
         ("rolling shutter", Box::new(settings("width = 3840", "readout_s = 0.02\nwidth = 3840"))),
         ("self-calibration", Box::new(settings("[noise]", "[camera.refine]\nfx = \"free\"\n[noise]"))),
-        ("terrain grid", Box::new(with_grid)),
         ("GNSS positions as observations", Box::new(with_gnss)),
     ];
     for (name, change) in cases {

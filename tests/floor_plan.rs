@@ -80,6 +80,7 @@ const DOORS: &[(&str, &[&str])] = &[
     ("serde_json", &["report"]),
     ("pulp", &["nlls/linear", "nlls/system"]),
     ("toml", &["files"]),
+    ("tiff", &["terrain"]),
     ("ply_rs_bw", &["reference", "report"]),
     ("rayon", &["nlls/linear", "nlls/system", "nlls/minimise", "initialise", "refine", "cli"]),
     ("rand", &["nlls/system", "refine", "problem"]),

@@ -6,6 +6,7 @@
 //! y' = y radial + p1 (r2 + 2 y^2) + 2 p2 x y
 //! ```
 
+use super::fold::first_root;
 use nalgebra::{Matrix2, Vector2};
 
 /// Coefficients, and the cone in which the model is one to one.
@@ -92,21 +93,8 @@ impl Brown {
 /// Smallest positive root of `1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3`, the slope of the distorted radius
 /// by the radius, where `s` is the squared radius.
 fn fold_radius2([k1, k2, k3]: [f64; 3]) -> f64 {
-    let slope = |s: f64| 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * 7.0 * k3));
-    // A lens sees less than 89 degrees off its axis: s < 3300. The steps grow with s.
-    let (mut low, mut high) = (0.0, 1e-3);
-    while slope(high) > 0.0 {
-        low = high;
-        high *= 1.01;
-        if high > 3300.0 {
-            return f64::INFINITY;
-        }
-    }
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if slope(middle) > 0.0 { low = middle } else { high = middle }
-    }
-    low
+    // A lens sees less than 89 degrees off its axis: s < 3300.
+    first_root(&[1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3], 3300.0).unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]

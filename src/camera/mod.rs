@@ -1,11 +1,14 @@
 //! Interior orientation: from points in the camera frame to pixels and back.
 //!
 //! The camera looks along z, x to the right, y down. Pixels are in the convention of the principal
-//! point `cx`, `cy`.
+//! point `cx`, `cy`; [`Camera::pixel_centre_px`] says which that is.
 
 mod brown;
+mod fisheye;
+mod fold;
 
 pub use brown::Brown;
+pub use fisheye::Fisheye;
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 
 /// Points nearer to the camera's plane than this are not seen \[m\].
@@ -20,6 +23,9 @@ pub struct Camera {
     pub focal_px: Vector2<f64>,
     /// Principal point `cx`, `cy` \[px\].
     pub principal_px: Vector2<f64>,
+    /// Where the centre of the first pixel lies, in both coordinates: 0, or 0.5 where its corner is
+    /// at 0 \[px\].
+    pub pixel_centre_px: f64,
     /// Lens distortion.
     pub lens: Lens,
 }
@@ -31,6 +37,27 @@ pub enum Lens {
     Pinhole,
     /// Radial and tangential, as in OpenCV.
     Brown(Brown),
+    /// By the angle off the axis, as in OpenCV's fisheye module.
+    Fisheye(Fisheye),
+}
+
+/// How much of an image a lens model leaves without rays, because it folds over inside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fold {
+    /// Distance from the principal point to the nearest pixel without a ray \[px\].
+    pub radius_px: f64,
+    /// Share of the image that has no rays, above 0 to 1.
+    pub share: f64,
+}
+
+/// A principal point in the convention of the image points, from one in that of its calibration: each
+/// is given by where it has the centre of the first pixel \[px\].
+pub fn principal_in_image(
+    calibrated_px: Vector2<f64>,
+    calibration_centre_px: f64,
+    image_centre_px: f64,
+) -> Vector2<f64> {
+    calibrated_px.add_scalar(image_centre_px - calibration_centre_px)
 }
 
 impl Camera {
@@ -41,6 +68,7 @@ impl Camera {
         let distorted = match &self.lens {
             Lens::Pinhole => ray,
             Lens::Brown(lens) => lens.distort(&ray)?,
+            Lens::Fisheye(lens) => lens.distort(&ray)?,
         };
         Some(self.focal_px.component_mul(&distorted) + self.principal_px)
     }
@@ -60,6 +88,7 @@ impl Camera {
         let (distorted, distorted_by_point) = match &self.lens {
             Lens::Pinhole => (ray, ray_by_point),
             Lens::Brown(lens) => (lens.distort(&ray)?, lens.distort_jacobian(&ray) * ray_by_point),
+            Lens::Fisheye(lens) => (lens.distort(&ray)?, lens.distort_jacobian(&ray) * ray_by_point),
         };
         let scale = Matrix2::from_diagonal(&self.focal_px);
         Some((self.focal_px.component_mul(&distorted) + self.principal_px, scale * distorted_by_point))
@@ -72,14 +101,63 @@ impl Camera {
         match &self.lens {
             Lens::Pinhole => Some(distorted),
             Lens::Brown(lens) => lens.undistort(&distorted),
+            Lens::Fisheye(lens) => lens.undistort(&distorted),
         }
+    }
+
+    /// Where the image begins and ends: outer edges of its first and last pixels \[px\].
+    fn edges_px(&self) -> [[f64; 2]; 2] {
+        self.size_px.map(|size| {
+            let begin = self.pixel_centre_px - 0.5;
+            [begin, begin + f64::from(size)]
+        })
     }
 
     /// Whether a pixel lies in the image.
     pub fn contains(&self, image_px: &Vector2<f64>) -> bool {
-        // The pixel convention may put the first pixel's edge at 0 or at -0.5.
-        (-0.5..=f64::from(self.size_px[0])).contains(&image_px.x)
-            && (-0.5..=f64::from(self.size_px[1])).contains(&image_px.y)
+        let [[left, right], [top, bottom]] = self.edges_px();
+        (left..=right).contains(&image_px.x) && (top..=bottom).contains(&image_px.y)
+    }
+
+    /// When the row of `v_px` is read out, as a share of the readout time (from the first to the last
+    /// row) after the middle row: -0.5 for the first row, 0.5 for the last.
+    pub fn row_delay(&self, v_px: f64) -> f64 {
+        let last = f64::from(self.size_px[1].max(2) - 1);
+        (v_px - self.pixel_centre_px) / last - 0.5
+    }
+
+    /// Whether, and where, the lens model folds over inside the image; `None` where every pixel has a
+    /// ray.
+    pub fn fold_in_image(&self) -> Option<Fold> {
+        const NODES: usize = 64;
+        let [[left, right], [top, bottom]] = self.edges_px();
+        let along = |[begin, end]: [f64; 2], at: usize| begin + (end - begin) * at as f64 / NODES as f64;
+        let place = |i: usize, j: usize| Vector2::new(along([left, right], i), along([top, bottom], j));
+        let is_blind = |place: &Vector2<f64>| self.ray(place).is_none();
+        let blind: Vec<Vec<bool>> =
+            (0..=NODES).map(|j| (0..=NODES).map(|i| is_blind(&place(i, j))).collect()).collect();
+        let count = blind.iter().flatten().filter(|blind| **blind).count();
+        // Nodes without a ray beside one that has one; all of them where no node has one.
+        let mut border = Vec::new();
+        for (i, j) in (0..=NODES).flat_map(|j| (0..=NODES).map(move |i| (i, j))) {
+            let beside = [(i.wrapping_sub(1), j), (i + 1, j), (i, j.wrapping_sub(1)), (i, j + 1)];
+            let sees = |(i, j): &(usize, usize)| blind.get(*j).and_then(|row| row.get(*i)) == Some(&false);
+            if blind[j][i] && (beside.iter().any(sees) || count == (NODES + 1) * (NODES + 1)) {
+                border.push(place(i, j));
+            }
+        }
+        // From the principal point, which always has a ray, towards a pixel without one.
+        let reach = |place: &Vector2<f64>| {
+            let arm = place - self.principal_px;
+            let (mut seen, mut unseen) = (0.0, 1.0);
+            for _ in 0..20 {
+                let middle = 0.5 * (seen + unseen);
+                if is_blind(&(self.principal_px + middle * arm)) { unseen = middle } else { seen = middle }
+            }
+            unseen * arm.norm()
+        };
+        let radius_px = border.iter().map(reach).reduce(f64::min)?;
+        Some(Fold { radius_px, share: count as f64 / ((NODES + 1) * (NODES + 1)) as f64 })
     }
 }
 
@@ -91,16 +169,19 @@ fn ray_of(point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
 pub(crate) mod tests {
     use super::*;
 
-    /// A camera of either kind, the distorted one stronger than any real lens of this class.
-    pub(crate) fn cameras() -> [Camera; 2] {
+    /// A camera of each kind, the distorted ones stronger than any real lens of this class.
+    pub(crate) fn cameras() -> [Camera; 3] {
         let pinhole = Camera {
             size_px: [3840, 2160],
             focal_px: Vector2::new(2680.0, 2650.0),
             principal_px: Vector2::new(1925.0, 1070.0),
+            pixel_centre_px: 0.0,
             lens: Lens::Pinhole,
         };
         let brown = Brown::new([-0.11, 0.08, 0.002, -0.001, -0.02]);
-        [pinhole.clone(), Camera { lens: Lens::Brown(brown), ..pinhole }]
+        let fisheye = Fisheye::new([-0.13, 0.07, -0.09, 0.04]);
+        let with = |lens: Lens| Camera { lens, ..pinhole.clone() };
+        [pinhole.clone(), with(Lens::Brown(brown)), with(Lens::Fisheye(fisheye))]
     }
 
     fn pixels() -> impl Iterator<Item = Vector2<f64>> {
@@ -148,9 +229,90 @@ pub(crate) mod tests {
 
     #[test]
     fn the_image_ends_at_its_edges() {
-        let [camera, _] = cameras();
-        assert!(camera.contains(&Vector2::new(-0.5, 2160.0)));
-        assert!(!camera.contains(&Vector2::new(3840.1, 10.0)));
-        assert!(!camera.contains(&Vector2::new(10.0, -0.6)));
+        for centre in [0.0, 0.5] {
+            let [camera, ..] = cameras();
+            let camera = Camera { pixel_centre_px: centre, ..camera };
+            let is_inside = |u: f64, v: f64| camera.contains(&Vector2::new(u + centre, v + centre));
+            assert!(is_inside(-0.5, -0.5) && is_inside(3839.5, 2159.5));
+            assert!(!is_inside(3839.6, 10.0) && !is_inside(10.0, 2159.6));
+            assert!(!is_inside(10.0, -0.6) && !is_inside(-0.6, 10.0) && !is_inside(f64::NAN, 10.0));
+            assert_eq!(camera.row_delay(centre), -0.5);
+            assert_eq!(camera.row_delay(2159.0 + centre), 0.5);
+            assert_eq!(camera.row_delay(1079.5 + centre), 0.0);
+        }
+    }
+
+    /// A calibration whose pixels begin at their corners, used with image points whose pixels have
+    /// their centres at whole numbers: nothing but the numbers changes.
+    #[test]
+    fn a_principal_point_moves_with_the_convention_of_its_pixels() {
+        let calibrated = Vector2::new(1920.5, 1080.25);
+        let in_image = principal_in_image(calibrated, 0.5, 0.0);
+        assert_eq!(in_image, Vector2::new(1920.0, 1079.75));
+        assert_eq!(principal_in_image(in_image, 0.0, 0.5), calibrated);
+        assert_eq!(principal_in_image(calibrated, 0.5, 0.5), calibrated);
+        let [camera, ..] = cameras();
+        let point = Vector3::new(3.0, -2.0, 60.0);
+        let corners = Camera { principal_px: calibrated, pixel_centre_px: 0.5, ..camera.clone() };
+        let centres = Camera { principal_px: in_image, pixel_centre_px: 0.0, ..camera };
+        let difference = corners.project(&point).unwrap() - centres.project(&point).unwrap();
+        assert!((difference - Vector2::new(0.5, 0.5)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_fold_inside_the_image_is_told_with_its_radius_and_its_share() {
+        for camera in cameras() {
+            assert_eq!(camera.fold_in_image(), None);
+        }
+        // Both fold at 1500 px off the principal point.
+        let [pinhole, ..] = cameras();
+        let square = Camera {
+            size_px: [4000, 4000],
+            focal_px: Vector2::new(2250.0, 2250.0),
+            principal_px: Vector2::new(1999.5, 1999.5),
+            ..pinhole
+        };
+        // r - r^3 / 3 is largest, 2/3, at 1; likewise of the angle.
+        let brown = Brown::new([-1.0 / 3.0, 0.0, 0.0, 0.0, 0.0]);
+        let fisheye = Fisheye::new([-1.0 / 3.0, 0.0, 0.0, 0.0]);
+        for lens in [Lens::Brown(brown), Lens::Fisheye(fisheye)] {
+            let fold = Camera { lens, ..square.clone() }.fold_in_image().unwrap();
+            assert!((fold.radius_px - 1500.0).abs() < 0.1, "{fold:?}");
+            let share = 1.0 - std::f64::consts::PI * (1500.0_f64 / 4000.0).powi(2);
+            assert!((fold.share - share).abs() < 0.02, "{fold:?} {share}");
+        }
+    }
+
+    /// Calibrations of the DJI Mini 2 at 3840 x 2160 by users of Gyroflow: gyroflow/lens_profiles,
+    /// CC0-1.0.
+    #[test]
+    fn real_lenses_are_inverted_over_the_whole_image() {
+        let lenses = [
+            (
+                [2866.5623457206925, 2836.294148715731, 1894.6561734942493, 1065.3844146934664],
+                [0.34628723181472676, -0.0826788962552403, 0.4083689279219956, -0.04068703128746228],
+            ),
+            (
+                [3013.0697125662527, 3002.012656933579, 1928.06412452699, 1036.504858830158],
+                [0.2517851445507729, 1.2413593891717367, -5.3644679148958305, 8.661448397633361],
+            ),
+        ];
+        for ([fx, fy, cx, cy], k) in lenses {
+            let camera = Camera {
+                size_px: [3840, 2160],
+                focal_px: Vector2::new(fx, fy),
+                principal_px: Vector2::new(cx, cy),
+                pixel_centre_px: 0.0,
+                lens: Lens::Fisheye(Fisheye::new(k)),
+            };
+            assert_eq!(camera.fold_in_image(), None);
+            for v in (0..2160).step_by(17).chain([2159]) {
+                for u in (0..3840).step_by(13).chain([3839]) {
+                    let pixel = Vector2::new(f64::from(u), f64::from(v));
+                    let back = camera.project(&camera.ray(&pixel).unwrap().push(1.0)).unwrap();
+                    assert!((back - pixel).norm() < 1e-9, "{pixel} {back}");
+                }
+            }
+        }
     }
 }

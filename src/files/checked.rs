@@ -4,7 +4,8 @@ use super::inventory::{Inventory, TargetInventory};
 use super::problem_toml::Settings;
 use crate::geometry::Pose;
 use crate::problem::{
-    Frame, Known, Problem, ShapePoint, Target, TargetObservation, Vehicle, VehicleObservation,
+    Frame, GroundKnowledge, Known, Problem, ShapePoint, Target, TargetObservation, Vehicle,
+    VehicleObservation,
 };
 use crate::tables::Findings;
 use nalgebra::Vector2;
@@ -38,6 +39,7 @@ pub(super) struct ObservedRow<'t> {
 /// Tables that fit each other, as far as there are no findings.
 pub(super) struct Checked<'t> {
     pub settings: &'t Settings,
+    pub ground: Option<GroundKnowledge>,
     pub frames: Vec<Frame>,
     pub camera_poses: HashMap<usize, Pose>,
     pub targets: Vec<Target>,
@@ -84,7 +86,7 @@ impl Checked<'_> {
             target_observations: self.target_observations,
             vehicles,
             vehicle_pose_sigma: self.settings.vehicle_pose_sigma,
-            ground: self.settings.ground,
+            ground: self.ground,
         };
         Folder { inventory, problem: Ok(problem), warnings }
     }

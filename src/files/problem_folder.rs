@@ -1,14 +1,15 @@
 //! A problem folder: read whole, validated whole, then made into a [`Problem`].
 
 use super::checked::{Checked, Folder, ObservedRow, positions};
-use super::problem_toml::{self, Settings};
+use super::problem_toml::{self, Settings, TerrainSettings};
 use super::rows::{
     CameraPoseRow, FrameRow, GnssObservationRow, KnownPointRow, TargetObservationRow, TargetRow,
     VehicleObservationRow, VehiclePoseRow,
 };
 use crate::geometry::{self, Pose};
-use crate::problem::{Frame, Known, Role, Target, TargetObservation};
+use crate::problem::{Frame, GroundKnowledge, Known, Role, Target, TargetObservation};
 use crate::tables::{self, Finding, Findings, Line, Row};
+use crate::terrain::{GridFault, Terrain};
 use nalgebra::{Vector2, Vector4};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::Path;
@@ -43,6 +44,7 @@ type Rows<R> = Option<Vec<Line<R>>>;
 /// The tables as they stand; `None` where a file is not there or is no table.
 struct Tables {
     settings: Option<Settings>,
+    ground: Option<GroundKnowledge>,
     frames: Rows<FrameRow>,
     camera_poses: Rows<CameraPoseRow>,
     targets: Rows<TargetRow>,
@@ -64,8 +66,10 @@ const GNSS_OBSERVATIONS: &str = "observations/gnss.csv";
 
 impl Reader<'_> {
     fn read_tables(&mut self) -> Tables {
+        let settings = self.read_settings();
         Tables {
-            settings: self.read_settings(),
+            ground: settings.as_ref().and_then(|settings| self.read_ground(settings)),
+            settings,
             frames: tables::read(self.folder, FRAMES, &mut self.findings),
             camera_poses: self.read_if_there(CAMERA_POSES),
             targets: self.read_if_there(TARGETS),
@@ -100,12 +104,33 @@ impl Reader<'_> {
         };
         let (settings, findings) = problem_toml::parse(text.trim_start_matches('\u{feff}'));
         self.findings.append(findings);
-        for named in settings.iter().flat_map(|s| &s.files) {
-            if !self.folder.join(named).is_file() {
-                self.findings.error(Finding::of_file(named, "the file that problem.toml names", "nothing"));
+        settings
+    }
+
+    /// The ground with its terrain; where it cannot be read there are findings.
+    fn read_ground(&mut self, settings: &Settings) -> Option<GroundKnowledge> {
+        let ground = settings.ground.as_ref()?;
+        let file = match &ground.terrain {
+            TerrainSettings::Plane(z_m) => return Some(ground.with(Terrain::Plane { z_m: *z_m })),
+            TerrainSettings::Grid(file) => file,
+        };
+        let bytes = match std::fs::read(self.folder.join(file)) {
+            Ok(bytes) => bytes,
+            Err(error) => {
+                let wanted = "the terrain grid that problem.toml names";
+                self.findings.error(Finding::of_file(file, wanted, &error.to_string()));
+                return None;
+            }
+        };
+        match Terrain::read_grid(file, &bytes) {
+            Ok(terrain) => Some(ground.with(terrain)),
+            Err(faults) => {
+                for GridFault { line, column, wanted, found } in faults {
+                    self.findings.error(Finding { file: file.clone(), line, column, wanted, found });
+                }
+                None
             }
         }
-        settings
     }
 
     /// Checks the tables against each other; `None` where so much is missing that there is nothing
@@ -145,6 +170,7 @@ impl Reader<'_> {
         }
         Some(Checked {
             settings,
+            ground: tables.ground.clone(),
             frames: frame_rows.iter().map(|l| Frame { number: l.row.frame, time_s: l.row.time_s }).collect(),
             camera_poses,
             targets,
@@ -293,7 +319,9 @@ impl Reader<'_> {
                 let found = format!("{} twice in frame {}", row.target, row.frame);
                 self.cell(TARGET_OBSERVATIONS, *line, "target", "a target once in a frame", found);
             }
-            let (image_px, sigma_px) = pixels.check(*line, row.u, row.v, row.sigma_px.0);
+            let Some((image_px, sigma_px)) = pixels.check(*line, row.u, row.v, row.sigma_px.0) else {
+                continue;
+            };
             observations.push(TargetObservation { frame, target, image_px, sigma_px });
         }
         pixels.warn(&mut self.findings);
@@ -320,7 +348,9 @@ impl Reader<'_> {
                 let found = format!("{} twice in frame {}", row.point, row.frame);
                 self.cell(VEHICLE_OBSERVATIONS, *line, "point", "a point once in a frame", found);
             }
-            let (image_px, sigma_px) = pixels.check(*line, row.u, row.v, row.sigma_px.0);
+            let Some((image_px, sigma_px)) = pixels.check(*line, row.u, row.v, row.sigma_px.0) else {
+                continue;
+            };
             observed.rows.push(ObservedRow { vehicle, frame, point: &row.point, image_px, sigma_px });
         }
         pixels.warn(&mut self.findings);
@@ -435,41 +465,63 @@ struct Pixels<'a> {
     file: &'a str,
     settings: Option<&'a Settings>,
     default_px: f64,
-    outside: usize,
-    first_outside: u64,
-    exact: usize,
+    outside: Tally,
+    without_ray: Tally,
+    exact: Tally,
+}
+
+/// How many, and the line of the first.
+#[derive(Default)]
+struct Tally {
+    count: usize,
+    first_line: u64,
+}
+
+impl Tally {
+    fn count(&mut self, line: u64) {
+        if self.count == 0 {
+            self.first_line = line;
+        }
+        self.count += 1;
+    }
 }
 
 impl<'a> Pixels<'a> {
     fn new(file: &'a str, settings: Option<&'a Settings>, default: impl Fn(&Settings) -> f64) -> Self {
         let default_px = settings.map_or(1.0, default);
-        Pixels { file, settings, default_px, outside: 0, first_outside: 0, exact: 0 }
+        let [outside, without_ray, exact] = Default::default();
+        Pixels { file, settings, default_px, outside, without_ray, exact }
     }
 
-    fn check(&mut self, line: u64, u: f64, v: f64, sigma_px: Option<f64>) -> (Vector2<f64>, f64) {
+    /// An image point and its standard deviation; `None` where the lens model has no ray for it.
+    fn check(&mut self, line: u64, u: f64, v: f64, sigma_px: Option<f64>) -> Option<(Vector2<f64>, f64)> {
         let image_px = Vector2::new(u, v);
-        if self.settings.is_some_and(|s| !s.camera.contains(&image_px)) {
-            if self.outside == 0 {
-                self.first_outside = line;
+        if let Some(Settings { camera, .. }) = self.settings {
+            if !camera.contains(&image_px) {
+                self.outside.count(line);
             }
-            self.outside += 1;
+            if camera.ray(&image_px).is_none() {
+                self.without_ray.count(line);
+                return None;
+            }
         }
         let sigma_px = sigma_px.unwrap_or(self.default_px);
-        self.exact += usize::from(sigma_px == 0.0);
-        (image_px, sigma_px.max(LEAST_SIGMA_PX))
+        if sigma_px == 0.0 {
+            self.exact.count(line);
+        }
+        Some((image_px, sigma_px.max(LEAST_SIGMA_PX)))
     }
 
     fn warn(&self, findings: &mut Findings) {
-        let Pixels { file, outside, first_outside, exact, .. } = self;
-        if *outside > 0 {
-            findings.warn(format!(
-                "{file}: image points outside the image: {outside}, the first on line {first_outside}"
-            ));
-        }
-        if *exact > 0 {
-            findings.warn(format!(
-                "{file}: image points with a sigma of 0 px: {exact}; {LEAST_SIGMA_PX} px is assumed"
-            ));
-        }
+        let Pixels { file, outside, without_ray, exact, .. } = self;
+        let mut warn = |what: &str, Tally { count, first_line }: &Tally| {
+            if *count > 0 {
+                findings
+                    .warn(format!("{file}: image points {what}: {count}, the first on line {first_line}"));
+            }
+        };
+        warn("outside the image", outside);
+        warn("beyond the fold of the lens model, which are left out", without_ray);
+        warn(&format!("with a sigma of 0 px, for which {LEAST_SIGMA_PX} px is assumed"), exact);
     }
 }

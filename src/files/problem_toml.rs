@@ -1,7 +1,7 @@
 //! `problem.toml`.
 
 use super::section::{Document, Section};
-use crate::camera::{Brown, Camera, Lens};
+use crate::camera::{Brown, Camera, Fisheye, Lens, principal_in_image};
 use crate::problem::{GroundKnowledge, Known, PoseSigma};
 use crate::tables::Findings;
 use crate::terrain::Terrain;
@@ -19,12 +19,37 @@ pub struct Settings {
     pub target_px: f64,
     pub camera_pose_sigma: PoseSigma,
     pub vehicle_pose_sigma: PoseSigma,
-    pub ground: Option<GroundKnowledge>,
+    pub ground: Option<GroundSettings>,
     pub vehicles: Vec<VehicleSettings>,
-    /// Files that it names.
-    pub files: Vec<String>,
     /// What it asks for that this version does not compute.
     pub not_supported: Vec<String>,
+}
+
+/// `[terrain]`.
+#[derive(Debug)]
+pub struct GroundSettings {
+    pub terrain: TerrainSettings,
+    pub sigma_m: f64,
+    pub correlation_s: f64,
+    pub bias_sigma_m: f64,
+    pub tilt_sigma_rad: f64,
+}
+
+/// Which terrain.
+#[derive(Debug, PartialEq)]
+pub enum TerrainSettings {
+    /// A level plane at this height \[m\].
+    Plane(f64),
+    /// The grid in this file.
+    Grid(String),
+}
+
+impl GroundSettings {
+    /// With the terrain that it names.
+    pub fn with(&self, terrain: Terrain) -> GroundKnowledge {
+        let GroundSettings { sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad, .. } = *self;
+        GroundKnowledge { terrain, sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad }
+    }
 }
 
 /// One `[[vehicle]]`.
@@ -63,8 +88,7 @@ fn read(top: &Section, not_supported: &mut Vec<String>) -> Option<Settings> {
         camera: pose_sigma(None, None, 1.0),
         vehicle: pose_sigma(None, None, 0.5),
     });
-    let mut files = Vec::new();
-    let ground = top.table("terrain", |terrain| read_terrain(terrain, &mut files, not_supported)).flatten();
+    let ground = top.table("terrain", read_terrain).flatten();
     let mut vehicles: Vec<VehicleSettings> = Vec::new();
     let found = top.tables("vehicle", |section| {
         let vehicle = read_vehicle(section)?;
@@ -86,7 +110,6 @@ fn read(top: &Section, not_supported: &mut Vec<String>) -> Option<Settings> {
         vehicle_pose_sigma: noise.vehicle,
         ground,
         vehicles,
-        files,
         not_supported: Vec::new(),
     })
 }
@@ -123,9 +146,7 @@ fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Came
             if brown == [0.0; 5] { Lens::Pinhole } else { Lens::Brown(Brown::new(brown)) }
         }
         Some("fisheye") => {
-            coefficients(&FISHEYE_KEYS);
-            not_supported.push("the lens model \"fisheye\"".to_owned());
-            Lens::Pinhole
+            Lens::Fisheye(Fisheye::new(coefficients(&FISHEYE_KEYS).try_into().expect("four keys")))
         }
         Some(_) => {
             camera.error("model", "\"pinhole\", \"brown\" or \"fisheye\"");
@@ -140,12 +161,29 @@ fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Came
     if camera.has("refine") {
         not_supported.push("self-calibration ([camera.refine])".to_owned());
     }
-    Some(Camera {
+    let pixel_centre = |key| camera.number(key, "0.0 or 0.5", |v| v == 0.0 || v == 0.5);
+    let pixel_centre_px = pixel_centre("pixel_centre").unwrap_or(0.0);
+    let calibration_centre_px = pixel_centre("calibration_pixel_centre").unwrap_or(pixel_centre_px);
+    let principal_px = Vector2::new(principal.0?, principal.1?);
+    let read = Camera {
         size_px: [size_px.0?, size_px.1?],
         focal_px: Vector2::new(focal.0?, focal.1?),
-        principal_px: Vector2::new(principal.0?, principal.1?),
+        principal_px: principal_in_image(principal_px, calibration_centre_px, pixel_centre_px),
+        pixel_centre_px,
         lens,
-    })
+    };
+    if let Some(fold) = read.fold_in_image() {
+        camera.warn(
+            "model",
+            &format!(
+                "folds over inside the image, {:.0} px from the principal point; beyond, {:.1} % of the image \
+                 have no rays",
+                fold.radius_px,
+                100.0 * fold.share
+            ),
+        );
+    }
+    Some(read)
 }
 
 struct Noise {
@@ -179,11 +217,7 @@ fn pose_sigma(position_m: Option<f64>, rotation_deg: Option<f64>, tilt_share: f6
     PoseSigma { position_m, rotation_rad: [about(tilt_share), about(tilt_share), about(1.0)] }
 }
 
-fn read_terrain(
-    terrain: &Section,
-    files: &mut Vec<String>,
-    not_supported: &mut Vec<String>,
-) -> Option<GroundKnowledge> {
+fn read_terrain(terrain: &Section) -> Option<GroundSettings> {
     let plane_z = terrain.any_number("plane_z");
     let grid = terrain.text("grid");
     let sigma_m = terrain.not_negative("sigma_m").unwrap_or(0.02);
@@ -193,17 +227,8 @@ fn read_terrain(
     if terrain.has("plane_z") == terrain.has("grid") {
         terrain.error("plane_z", "one of plane_z and grid");
     }
-    if let Some(file) = grid {
-        files.push(file);
-        not_supported.push("a terrain grid (terrain.grid)".to_owned());
-    }
-    Some(GroundKnowledge {
-        terrain: Terrain::Plane { z_m: plane_z? },
-        sigma_m,
-        correlation_s,
-        bias_sigma_m,
-        tilt_sigma_rad,
-    })
+    let terrain = plane_z.map(TerrainSettings::Plane).or(grid.map(TerrainSettings::Grid))?;
+    Some(GroundSettings { terrain, sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad })
 }
 
 fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
@@ -309,13 +334,60 @@ id = "car2"
 
     #[test]
     fn what_is_not_computed_yet_is_named() {
-        let text = WHOLE
-            .replace("\"brown\"", "\"fisheye\"")
-            .replace("k1 = -0.011", "k1 = 0.1\nreadout_s = 0.02")
-            .replace("plane_z = 1.0", "grid = \"terrain.asc\"");
+        let text = WHOLE.replace("k1 = -0.011", "k1 = 0.1\nreadout_s = 0.02\n[camera.refine]\nfx = \"free\"");
         let settings = parse(&text).0.unwrap();
-        assert_eq!(settings.not_supported.len(), 3, "{:?}", settings.not_supported);
-        assert_eq!(settings.files, ["terrain.asc"]);
+        assert_eq!(settings.not_supported.len(), 2, "{:?}", settings.not_supported);
+    }
+
+    #[test]
+    fn a_grid_is_named_in_place_of_a_plane() {
+        let text = WHOLE.replace("plane_z = 1.0", "grid = \"terrain.asc\"");
+        let ground = parse(&text).0.unwrap().ground.unwrap();
+        assert_eq!(ground.terrain, TerrainSettings::Grid("terrain.asc".to_owned()));
+        let both = WHOLE.replace("plane_z = 1.0", "plane_z = 1.0\ngrid = \"terrain.asc\"");
+        let wanted =
+            "problem.toml:18: column terrain.plane_z: expected one of plane_z and grid, found \"1.0\"";
+        assert_eq!(errors(&both), [wanted]);
+        assert_eq!(errors(&WHOLE.replace("plane_z = 1.0\n", "")).len(), 1);
+    }
+
+    #[test]
+    fn a_fisheye_lens_has_its_own_coefficients() {
+        let text = WHOLE.replace("\"brown\"", "\"fisheye\"").replace("k1 = -0.011", "k1 = 0.1\nk4 = 0.02");
+        let (settings, findings) = parse(&text);
+        assert_eq!(findings, Findings::default());
+        assert_eq!(settings.unwrap().camera.lens, Lens::Fisheye(Fisheye::new([0.1, 0.0, 0.0, 0.02])));
+        let (_, findings) = parse(&text.replace("k4", "p1"));
+        assert_eq!(findings.warnings(), ["problem.toml:13: camera.p1 is not known and was not read"]);
+    }
+
+    #[test]
+    fn pixel_conventions_are_read_and_brought_together() {
+        let camera = |keys: &str| parse(&WHOLE.replace("k1 = -0.011", keys)).0.unwrap().camera;
+        let centre = |keys: &str| (camera(keys).pixel_centre_px, camera(keys).principal_px.x);
+        assert_eq!(centre(""), (0.0, 1920.0));
+        assert_eq!(centre("pixel_centre = 0.5"), (0.5, 1920.0));
+        assert_eq!(centre("calibration_pixel_centre = 0.5"), (0.0, 1919.5));
+        assert_eq!(centre("pixel_centre = 0.5\ncalibration_pixel_centre = 0.0"), (0.5, 1920.5));
+        for key in ["pixel_centre", "calibration_pixel_centre"] {
+            let found = errors(&WHOLE.replace("k1 = -0.011", &format!("{key} = 1")));
+            assert_eq!(
+                found,
+                [format!("problem.toml:12: column camera.{key}: expected 0.0 or 0.5, found \"1\"")]
+            );
+        }
+    }
+
+    #[test]
+    fn a_lens_that_folds_over_inside_the_image_is_warned_of() {
+        // r - 0.9 r^3 is largest at r = 0.61, where it is 0.41: 1088 px.
+        let (settings, findings) = parse(&WHOLE.replace("-0.011", "-0.9"));
+        assert!(settings.is_some());
+        let [warning] = findings.warnings() else { panic!("{findings:?}") };
+        assert!(
+            warning.starts_with("problem.toml:5: camera.model folds over inside the image, 1087 px"),
+            "{warning}"
+        );
     }
 
     #[test]

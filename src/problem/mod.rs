@@ -136,7 +136,7 @@ pub struct VehicleObservation {
 }
 
 /// How the ground ties the vehicles.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct GroundKnowledge {
     /// The terrain model.
     pub terrain: Terrain,

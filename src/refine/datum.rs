@@ -115,7 +115,7 @@ pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
     let knows = |axis: usize| vehicle.points.iter().filter(|p| p.known[axis].is_some()).count();
     let knows_size = (0..3).any(|axis| knows(axis) >= 2);
     let knows_height = knows(2) >= 1 || vehicle.height.is_some();
-    match (knows_size, knows_height, problem.ground.is_some()) {
+    match (knows_size, knows_height, has_ground(problem, vehicle)) {
         (true, _, _) | (_, true, true) => None,
         (false, true, false) => {
             Some("a height is known, but without a terrain there is no ground to count it from")
@@ -123,4 +123,13 @@ pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
         (false, false, true) => Some("the terrain is known, but no height above it"),
         (false, false, false) => Some("neither a terrain, nor a height, nor a size is known"),
     }
+}
+
+/// Whether the terrain is known below a pose of a vehicle; where it has none yet, whether at all.
+fn has_ground(problem: &Problem, vehicle: &Vehicle) -> bool {
+    problem.ground.as_ref().is_some_and(|ground| {
+        let mut poses = vehicle.poses.iter().flatten().peekable();
+        poses.peek().is_none()
+            || poses.any(|pose| ground.terrain.at(pose.translation.x, pose.translation.y).is_ok())
+    })
 }

@@ -5,6 +5,7 @@ use super::RefineOptions;
 use super::datum::{self, Treatment};
 use super::motion::{Body, Motion, MotionPriors};
 use crate::estimate::{Estimate, VehicleEstimate};
+use crate::geometry::Pose;
 use crate::nlls::loss::Loss;
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
 use crate::nlls::minimise::Minimiser;
@@ -16,11 +17,16 @@ use crate::residuals::known_coordinate::{KnownCoordinate, KnownZero};
 use crate::residuals::pose_prior::PosePrior;
 use crate::residuals::target_image_point::TargetImagePoint;
 use crate::residuals::vehicle_image_point::VehicleImagePoint;
+use crate::terrain::{NoGround, Terrain};
 use nalgebra::{Point3, Rotation3};
 use std::sync::Arc;
 
 /// Least standard deviations of the contact with the ground \[m, rad\]: nothing stands exactly.
 const LEAST_CONTACT_SIGMA: (f64, f64) = (1e-4, 1e-5);
+/// Rows of a contact.
+const CONTACT_ROWS: usize = 3;
+/// How far around a pose there must be ground for it to be tied to it \[m\].
+const GROUND_AROUND_M: f64 = 1.0;
 /// Least standard deviation of a known height of a body \[m\].
 const LEAST_HEIGHT_SIGMA_M: f64 = 1e-4;
 
@@ -103,7 +109,7 @@ impl Model {
         let adjusted = vehicles.iter().zip(&start.vehicles).filter(|(_, start)| start.left_out.is_none());
         let pose_rows = free(&cameras) + adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>();
         if let Some(ground) = &problem.ground {
-            groups.extend(add_contacts(&mut builder, problem, ground, &blocks));
+            groups.extend(add_contacts(&mut builder, problem, ground, current, &blocks, &mut warnings));
         }
         add_body_boxes(&mut builder, &blocks);
         add_usual_sizes(&mut builder, start, &blocks);
@@ -157,7 +163,17 @@ impl Model {
             |group: GroupId| -> f64 { self.system.squared_norms(group, values).into_iter().flatten().sum() };
         let counted: Vec<GroupId> = self.priors.iter().copied().chain(self.motion.groups()).collect();
         let rows: usize = counted.iter().map(|group| self.system.rows(*group)).sum();
+        let rows = rows - CONTACT_ROWS * self.lost_contacts(values);
         (rows + self.datum_rows, counted.iter().chain(&self.datum).map(|group| squares(*group)).sum())
+    }
+
+    /// How many contacts with the ground have no residual, because a pose went where none is.
+    pub fn lost_contacts(&self, values: &Values) -> usize {
+        let lost = |group: &GroupId| {
+            self.system.squared_norms(*group, values).into_iter().filter(Option::is_none).count()
+        };
+        // No other of the priors can be without a residual.
+        self.priors.iter().map(lost).sum()
     }
 
     /// The values of an estimate.
@@ -291,7 +307,7 @@ fn add_blocks(
         let point = point.filter(|_| target.role == Role::Control);
         blocks.targets.push(add_point(builder, point, &target.known));
     }
-    let bias_is_free = problem.ground.is_some_and(|ground| ground.bias_sigma_m > 0.0);
+    let bias_is_free = problem.ground.as_ref().is_some_and(|ground| ground.bias_sigma_m > 0.0);
     blocks.bias = builder.add_block(Manifold::SCALAR, &[current.terrain_bias_m], &[bias_is_free]);
     blocks
 }
@@ -381,7 +397,7 @@ fn add_knowledge(
             });
         }
     }
-    let bias_sigma_m = problem.ground.map_or(0.0, |ground| ground.bias_sigma_m);
+    let bias_sigma_m = problem.ground.as_ref().map_or(0.0, |ground| ground.bias_sigma_m);
     let bias = (bias_sigma_m > 0.0).then_some(Measurement {
         residual: KnownZero,
         blocks: [blocks.bias],
@@ -501,36 +517,62 @@ fn add_contacts(
     builder: &mut SystemBuilder,
     problem: &Problem,
     ground: &GroundKnowledge,
+    current: &Estimate,
     blocks: &Blocks,
+    warnings: &mut Vec<String>,
 ) -> [GroupId; 2] {
     let (least_m, least_rad) = LEAST_CONTACT_SIGMA;
     let tilt = ground.tilt_sigma_rad.max(least_rad);
     let sigma = [ground.sigma_m.max(least_m), tilt, tilt];
     let (mut first, mut next) = (Vec::new(), Vec::new());
-    for vehicle in &blocks.vehicles {
+    for (at, vehicle) in blocks.vehicles.iter().enumerate() {
         let mut before: Option<(usize, BlockId)> = None;
+        let mut without_ground = Vec::new();
         for (frame, pose) in vehicle.poses.iter().enumerate() {
-            let Some(pose) = *pose else { continue };
+            let (Some(pose), Some(place)) = (*pose, &current.vehicles[at].poses[frame]) else { continue };
+            if let Err(reason) = ground_around(&ground.terrain, place) {
+                without_ground.push((frame, reason));
+                continue;
+            }
             match before {
                 None => {
-                    let residual = FirstContact { terrain: ground.terrain };
+                    let residual = FirstContact { terrain: ground.terrain.clone() };
                     first.push(Measurement { residual, blocks: [pose, blocks.bias], sigma });
                 }
                 Some((frame_before, pose_before)) => {
                     let step_s = problem.frames[frame].time_s - problem.frames[frame_before].time_s;
                     let (residual, innovation) =
-                        NextContact::after(ground.terrain, step_s, ground.correlation_s);
+                        NextContact::after(ground.terrain.clone(), step_s, ground.correlation_s);
                     let sigma = sigma.map(|s| s * innovation);
                     next.push(Measurement { residual, blocks: [pose, pose_before, blocks.bias], sigma });
                 }
             }
             before = Some((frame, pose));
         }
+        if let Some((first, reason)) = without_ground.first() {
+            warnings.push(format!(
+                "vehicle {}: poses without ground below them, which no terrain ties: {}, the first in frame {} \
+                 ({reason})",
+                problem.vehicles[at].id,
+                without_ground.len(),
+                problem.frames[*first].number
+            ));
+        }
     }
     [
         builder.add_group("first contact with the ground", Loss::Squared, first),
         builder.add_group("next contact with the ground", Loss::Squared, next),
     ]
+}
+
+/// Whether there is ground below a pose, and as far around it as it is likely to move: beyond, a
+/// contact would have no residual, and the step that leads there would be refused.
+fn ground_around(terrain: &Terrain, pose: &Pose) -> Result<(), NoGround> {
+    let r = GROUND_AROUND_M;
+    for [dx, dy] in [[0.0, 0.0], [r, 0.0], [-r, 0.0], [0.0, r], [0.0, -r]] {
+        terrain.at(pose.translation.x + dx, pose.translation.y + dy)?;
+    }
+    Ok(())
 }
 
 fn add_motion(

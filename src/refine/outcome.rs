@@ -211,6 +211,12 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
     if fits.behind_camera > 0 {
         warnings.push(format!("{} image points belong to points behind the camera", fits.behind_camera));
     }
+    let lost_contacts = model.lost_contacts(&minimum.values);
+    if lost_contacts > 0 {
+        warnings.push(format!(
+            "contacts with the ground that were lost, because a pose left the terrain grid: {lost_contacts}"
+        ));
+    }
     if spread > 2.0 && both.len() >= 100 {
         warnings
             .push(format!("image points of vehicles scatter {spread:.1} times as much as their sigmas say"));

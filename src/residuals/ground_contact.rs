@@ -13,6 +13,8 @@
 //! first-order Gauss-Markov process, and `h(Tt) - c h(Tt-1)` is its innovation, independent of all
 //! others, of standard deviation `s sqrt(1 - c^2)`. Taken as independent, the 150 frames of five
 //! seconds would hold the scale five times too well.
+//!
+//! A pose outside a terrain grid, or where it has no data, has no residual.
 
 use crate::geometry::Pose;
 use crate::nlls::manifold::{Manifold, read_pose};
@@ -21,14 +23,14 @@ use crate::terrain::Terrain;
 use nalgebra::{Matrix3x6, Vector3};
 
 /// First contact of a vehicle. Blocks: its pose, the bias of the terrain \[m\].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FirstContact {
     /// The ground.
     pub terrain: Terrain,
 }
 
 /// Every next contact. Blocks: the pose, the pose before, the bias of the terrain \[m\].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NextContact {
     /// The ground.
     pub terrain: Terrain,
@@ -50,27 +52,30 @@ impl NextContact {
     }
 }
 
-/// `h` and its derivative by the pose. The curvature of the ground within a step is left out of it.
-fn deviation(terrain: &Terrain, pose: &Pose, bias_m: f64) -> (Vector3<f64>, Matrix3x6<f64>) {
+/// `h` and its derivative by the pose; `None` where there is no ground.
+fn deviation(terrain: &Terrain, pose: &Pose, bias_m: f64) -> Option<(Vector3<f64>, Matrix3x6<f64>)> {
     let position = pose.translation.vector;
-    let ground = terrain.at(position.x, position.y);
+    let ground = terrain.at(position.x, position.y).ok()?;
     let normal = pose.rotation.inverse_transform_vector(&ground.normal());
     let value = Vector3::new(position.z - ground.height_m - bias_m, normal.x, normal.y);
     let mut jacobian = Matrix3x6::zeros();
     jacobian[(0, 0)] = -ground.slope.x;
     jacobian[(0, 1)] = -ground.slope.y;
     jacobian[(0, 2)] = 1.0;
+    let body_from_world = pose.rotation.to_rotation_matrix().inverse();
+    let by_place = body_from_world.matrix() * ground.normal_by_place();
+    jacobian.fixed_view_mut::<2, 2>(1, 0).copy_from(&by_place.fixed_view::<2, 2>(0, 0));
     // d (R exp(r))^T n = [R^T n]x r
     let turned = crate::geometry::skew(&normal);
     jacobian.fixed_view_mut::<2, 3>(1, 3).copy_from(&turned.fixed_view::<2, 3>(0, 0));
-    (value, jacobian)
+    Some((value, jacobian))
 }
 
 impl Residual<3, 2> for FirstContact {
     const MANIFOLDS: [Manifold; 2] = [Manifold::Pose, Manifold::SCALAR];
 
     fn evaluate(&self, x: &[&[f64]; 2], jacobian: Option<&mut Jacobian<3, 2>>) -> Option<Vector3<f64>> {
-        let (value, by_pose) = deviation(&self.terrain, &read_pose(x[0]), x[1][0]);
+        let (value, by_pose) = deviation(&self.terrain, &read_pose(x[0]), x[1][0])?;
         if let Some(jacobian) = jacobian {
             jacobian.set(0, 0, &by_pose);
             jacobian.set(1, 0, &-Vector3::x());
@@ -83,8 +88,8 @@ impl Residual<3, 3> for NextContact {
     const MANIFOLDS: [Manifold; 3] = [Manifold::Pose, Manifold::Pose, Manifold::SCALAR];
 
     fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<3, 3>>) -> Option<Vector3<f64>> {
-        let (value, by_pose) = deviation(&self.terrain, &read_pose(x[0]), x[2][0]);
-        let (before, by_before) = deviation(&self.terrain, &read_pose(x[1]), x[2][0]);
+        let (value, by_pose) = deviation(&self.terrain, &read_pose(x[0]), x[2][0])?;
+        let (before, by_before) = deviation(&self.terrain, &read_pose(x[1]), x[2][0])?;
         if let Some(jacobian) = jacobian {
             jacobian.set(0, 0, &by_pose);
             jacobian.set(1, 0, &(-self.correlation * by_before));
@@ -99,18 +104,39 @@ mod tests {
     use super::super::testing::{assert_jacobian, vehicle_poses};
     use super::*;
     use crate::nlls::manifold::write_pose;
+    use crate::terrain::tests::hills;
 
     const LEVEL: Terrain = Terrain::Plane { z_m: 0.7 };
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {
-        for pose in vehicle_poses() {
-            assert_jacobian(&FirstContact { terrain: LEVEL }, &[&write_pose(&pose), &[0.3]]);
-            for before in vehicle_poses() {
-                let residual = NextContact { terrain: LEVEL, correlation: 0.9 };
-                assert_jacobian(&residual, &[&write_pose(&pose), &write_pose(&before), &[0.3]]);
+        for terrain in [LEVEL, hills()] {
+            for pose in vehicle_poses() {
+                let residual = FirstContact { terrain: terrain.clone() };
+                assert_jacobian(&residual, &[&write_pose(&off_borders(&pose)), &[0.3]]);
+                for before in vehicle_poses() {
+                    let residual = NextContact { terrain: terrain.clone(), correlation: 0.9 };
+                    let (pose, before) = (write_pose(&off_borders(&pose)), write_pose(&off_borders(&before)));
+                    assert_jacobian(&residual, &[&pose, &before, &[0.3]]);
+                }
             }
         }
+    }
+
+    /// Moved into the middle of things: the slope of a grid jumps at the borders of its cells.
+    fn off_borders(pose: &Pose) -> Pose {
+        nalgebra::Translation3::new(0.37, 0.29, 0.0) * pose
+    }
+
+    #[test]
+    fn a_vehicle_off_the_grid_has_no_residual() {
+        let at = |x: f64| write_pose(&crate::geometry::pose([x, 6.0, 0.7], [1.0, 0.0, 0.0, 0.0]));
+        let first = FirstContact { terrain: hills() };
+        assert!(first.evaluate(&[&at(19.9), &[0.0]], None).is_some());
+        assert!(first.evaluate(&[&at(20.1), &[0.0]], None).is_none());
+        let next = NextContact { terrain: hills(), correlation: 0.9 };
+        assert!(next.evaluate(&[&at(20.1), &at(19.9), &[0.0]], None).is_none());
+        assert!(next.evaluate(&[&at(19.9), &at(20.1), &[0.0]], None).is_none());
     }
 
     #[test]

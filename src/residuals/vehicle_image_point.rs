@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn a_point_behind_the_camera_has_no_residual() {
-        let [camera, _] = cameras();
+        let [camera, ..] = cameras();
         let residual = VehicleImagePoint { camera: Arc::new(camera), observed_px: Vector2::zeros() };
         let x = (write_pose(&camera_poses()[0]), write_pose(&vehicle_poses()[0]));
         assert!(residual.evaluate(&[&x.0, &x.1, &[0.0, 0.0, 200.0]], None).is_none());

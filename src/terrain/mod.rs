@@ -1,15 +1,24 @@
-//! The ground: heights and slopes.
+//! The ground: heights and slopes, of a level plane or of a grid of heights.
 
-use nalgebra::{Vector2, Vector3};
+mod esri;
+mod geotiff;
+mod grid;
 
-/// A terrain model in the frame of the world, z up.
-#[derive(Clone, Copy, Debug, PartialEq)]
+pub use grid::Grid;
+
+use nalgebra::{Matrix3x2, Point3, Vector2, Vector3};
+use std::sync::Arc;
+
+/// A terrain model in the frame of the world, z up. A clone is cheap.
+#[derive(Clone, Debug, PartialEq)]
 pub enum Terrain {
     /// The horizontal plane at this height \[m\].
     Plane {
         /// Its height.
         z_m: f64,
     },
+    /// A grid of heights.
+    Grid(Arc<Grid>),
 }
 
 /// The ground below a place.
@@ -19,13 +28,96 @@ pub struct Ground {
     pub height_m: f64,
     /// Derivative of the height by x and y.
     pub slope: Vector2<f64>,
+    /// Second derivative of the height, by x and by y \[1/m\]. Those by one of them twice are zero.
+    pub twist_per_m: f64,
+}
+
+/// There is no ground at a place; x and y in the world \[m\].
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoGround {
+    /// Beyond the outermost cell centres.
+    #[error("({x_m:.2}, {y_m:.2}) lies outside the terrain grid")]
+    OutsideGrid {
+        /// x.
+        x_m: f64,
+        /// y.
+        y_m: f64,
+    },
+    /// One of the four cells around it has no height.
+    #[error("the terrain grid has no data at ({x_m:.2}, {y_m:.2})")]
+    NoData {
+        /// x.
+        x_m: f64,
+        /// y.
+        y_m: f64,
+    },
+    /// A ray from here never comes to the ground.
+    #[error("the ray from ({x_m:.2}, {y_m:.2}) never comes to the ground")]
+    NeverReached {
+        /// x of its origin.
+        x_m: f64,
+        /// y of its origin.
+        y_m: f64,
+    },
+}
+
+/// What is wrong with the file of a grid.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GridFault {
+    /// The line, from 1, where the format has lines.
+    pub line: Option<u64>,
+    /// Key of the header, tag, or number of the column of heights.
+    pub column: Option<String>,
+    /// What was wanted.
+    pub wanted: String,
+    /// What stands there.
+    pub found: String,
 }
 
 impl Terrain {
-    /// Height and slope at `x`, `y` \[m\].
-    pub fn at(&self, _x_m: f64, _y_m: f64) -> Ground {
+    /// Reads a grid of heights \[m\] in the x, y of the world: a GeoTIFF if the bytes begin as one or
+    /// the name ends in `.tif` or `.tiff`, else an ESRI ASCII grid. The error is everything that is
+    /// wrong with it, and never empty.
+    pub fn read_grid(name: &str, bytes: &[u8]) -> Result<Terrain, Vec<GridFault>> {
+        let name = name.to_ascii_lowercase();
+        let is_tiff = geotiff::is_tiff(bytes) || name.ends_with(".tif") || name.ends_with(".tiff");
+        let grid =
+            if is_tiff { geotiff::parse(bytes).map_err(|fault| vec![fault]) } else { esri::parse(bytes) };
+        Ok(Terrain::Grid(Arc::new(grid?)))
+    }
+
+    /// Height and slope at `x`, `y` \[m\]. At the border between two cells of a grid the slope is that
+    /// of the cell on the side of larger x or y.
+    pub fn at(&self, x_m: f64, y_m: f64) -> Result<Ground, NoGround> {
         match self {
-            Terrain::Plane { z_m } => Ground { height_m: *z_m, slope: Vector2::zeros() },
+            Terrain::Plane { z_m } => {
+                Ok(Ground { height_m: *z_m, slope: Vector2::zeros(), twist_per_m: 0.0 })
+            }
+            Terrain::Grid(grid) => grid.at(x_m, y_m),
+        }
+    }
+
+    /// The first place where a ray meets the ground raised by `raised_m`.
+    ///
+    /// `direction` has any length but zero. Above the highest height of a grid there is nothing to
+    /// meet; from where it comes below it the ray must stay over cells that have heights until it
+    /// meets the ground. Where it does not, the error says where it left them.
+    pub fn intersect(
+        &self,
+        origin: &Point3<f64>,
+        direction: &Vector3<f64>,
+        raised_m: f64,
+    ) -> Result<Point3<f64>, NoGround> {
+        match self {
+            Terrain::Plane { z_m } => {
+                let share = (z_m + raised_m - origin.z) / direction.z;
+                if share.is_finite() && share >= 0.0 {
+                    Ok(origin + share * direction)
+                } else {
+                    Err(NoGround::NeverReached { x_m: origin.x, y_m: origin.y })
+                }
+            }
+            Terrain::Grid(grid) => grid.intersect(origin, direction, raised_m),
         }
     }
 }
@@ -35,24 +127,74 @@ impl Ground {
     pub fn normal(&self) -> Vector3<f64> {
         Vector3::new(-self.slope.x, -self.slope.y, 1.0).normalize()
     }
+
+    /// Derivative of [`Ground::normal`] by x and y, 3 x 2 \[1/m\].
+    pub fn normal_by_place(&self) -> Matrix3x2<f64> {
+        let upwards = Vector3::new(-self.slope.x, -self.slope.y, 1.0);
+        let normal = upwards.normalize();
+        // d upwards: the slope by x changes with y alone, that by y with x alone.
+        let change = Matrix3x2::new(0.0, -self.twist_per_m, -self.twist_per_m, 0.0, 0.0, 0.0);
+        (change - normal * (normal.transpose() * change)) / upwards.norm()
+    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// A grid of 2 m cells with hills, twisted everywhere, from (-20, -20) to (20, 20).
+    pub(crate) fn hills() -> Terrain {
+        let height = |column: usize, row: usize| {
+            let (x, y) = (column as f64, row as f64);
+            0.6 * (0.7 * x).sin() + 0.04 * x * y - 0.3 * (0.9 * y + 0.2 * x).cos()
+        };
+        let heights = (0..21).flat_map(|row| (0..21).map(move |column| height(column, row))).collect();
+        let grid = Grid::new([-20.0, -20.0], [2.0, 2.0], [21, 21], heights).unwrap();
+        Terrain::Grid(Arc::new(grid))
+    }
 
     #[test]
     fn a_plane_is_level_everywhere() {
-        let ground = Terrain::Plane { z_m: 3.5 }.at(100.0, -20.0);
+        let ground = Terrain::Plane { z_m: 3.5 }.at(100.0, -20.0).unwrap();
         assert_eq!(ground.height_m, 3.5);
         assert_eq!(ground.normal(), Vector3::z());
     }
 
     #[test]
     fn a_normal_is_square_to_the_slope() {
-        let ground = Ground { height_m: 0.0, slope: Vector2::new(0.1, -0.3) };
+        let ground = Ground { height_m: 0.0, slope: Vector2::new(0.1, -0.3), twist_per_m: 0.0 };
         for along in [Vector3::new(1.0, 0.0, 0.1), Vector3::new(0.0, 1.0, -0.3)] {
             assert!(ground.normal().dot(&along).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_differences() {
+        let terrain = hills();
+        let at = |x, y| terrain.at(x, y).unwrap();
+        for (x, y) in [(-18.7, 3.3), (0.5, 0.4), (11.9, -7.1), (19.1, 18.9)] {
+            let (ground, h) = (at(x, y), 1e-5);
+            for (axis, [dx, dy]) in [[h, 0.0], [0.0, h]].into_iter().enumerate() {
+                let (after, before) = (at(x + dx, y + dy), at(x - dx, y - dy));
+                let slope = (after.height_m - before.height_m) / (2.0 * h);
+                assert!((slope - ground.slope[axis]).abs() < 1e-9);
+                let twist = (after.slope[1 - axis] - before.slope[1 - axis]) / (2.0 * h);
+                assert!((twist - ground.twist_per_m).abs() < 1e-9 && twist.abs() > 1e-3);
+                let turn = (after.normal() - before.normal()) / (2.0 * h);
+                assert!((turn - ground.normal_by_place().column(axis)).norm() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_ray_meets_a_plane() {
+        let plane = Terrain::Plane { z_m: 1.0 };
+        let origin = Point3::new(2.0, 3.0, 11.0);
+        let hit = plane.intersect(&origin, &Vector3::new(0.5, -1.0, -2.0), 2.0).unwrap();
+        assert!((hit - Point3::new(4.0, -1.0, 3.0)).norm() < 1e-14);
+        let never = Err(NoGround::NeverReached { x_m: 2.0, y_m: 3.0 });
+        for direction in [Vector3::z(), Vector3::x(), Vector3::zeros()] {
+            assert_eq!(plane.intersect(&origin, &direction, 0.0), never);
         }
     }
 }
