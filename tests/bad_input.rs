@@ -246,7 +246,8 @@ fn a_gap_in_the_camera_poses_needs_three_control_targets() {
 
 #[test]
 fn cameras_that_cannot_be_resected_are_no_solution() {
-    let cases: [(&str, fn(usize) -> [f64; 3]); 2] = [
+    type Place = fn(usize) -> [f64; 3];
+    let cases: [(&str, Place); 2] = [
         ("none sees more than 1", |k| [2.0 * k as f64, if k == 0 { 1.0 } else { 900.0 }, 0.0]),
         ("rotation of the camera about that line", |k| [4.0 * k as f64 - 8.0, 2.0 * k as f64 - 3.0, 0.1]),
     ];

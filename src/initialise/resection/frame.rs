@@ -28,14 +28,17 @@ const MOST_TRIPLES: usize = 60;
 const DRAWS: usize = 3;
 /// Frames with no more points than this try every root of every triple to the end.
 const FEW_POINTS: usize = 4;
+/// What a gross error costs beyond Tukey's loss: that one more point agrees by chance is that unlikely
+/// (some ten pixels across in an image of thousands).
+const GROSS_COST: f64 = 8.0;
 /// Distinct hypotheses that are finished by least squares.
 const MOST_FINISHED: usize = 4;
 /// A hypothesis is truncated at so many standard deviations: it rests on three noisy points.
 const HYPOTHESIS_SIGMAS: f64 = 12.0;
 /// Hypotheses nearer than this are the same \[rad, share of the distance\].
 const DISTINCT: f64 = 0.03;
-/// Finished poses nearer than this are the same one.
-const SAME: f64 = 1e-3;
+/// Finished poses nearer than this are the same one \[m, rad\].
+const SAME: [f64; 2] = [0.05, 1e-3];
 /// By what the loss is stretched in the first steps from a hypothesis.
 const FIRST_STRETCH: f64 = 4.0;
 const FIRST_STEPS: usize = 4;
@@ -88,6 +91,11 @@ impl Fit {
         self.norms.iter().filter(|norm| **norm <= GROSS_SIGMAS).count()
     }
 
+    /// By what fits are compared: the cost, and a charge for each gross error.
+    pub fn rating(&self) -> f64 {
+        self.cost + GROSS_COST * (self.norms.len() - self.used()) as f64
+    }
+
     /// Standard deviation of the position along its worst axis \[m\], and of the attitude \[rad\].
     pub fn largest_sigmas(&self) -> Option<[f64; 2]> {
         self.covariance.as_ref().map(largest_sigmas)
@@ -97,8 +105,7 @@ impl Fit {
     pub fn is_same(&self, other: &Fit) -> bool {
         let turn = self.pose.rotation.angle_to(&other.pose.rotation);
         let shift = (self.pose.translation.vector - other.pose.translation.vector).norm();
-        turn < SAME && shift < SAME * (1.0 + self.pose.translation.vector.norm())
-            || self.mahalanobis(other).is_some_and(|d2| d2 < 1.0)
+        shift < SAME[0] && turn < SAME[1] || self.mahalanobis(other).is_some_and(|d2| d2 < 1.0)
     }
 
     fn mahalanobis(&self, other: &Fit) -> Option<f64> {
@@ -317,9 +324,9 @@ struct Normal {
     norms: Vec<f64>,
 }
 
-/// Sorts fits by cost and keeps one of each minimum.
+/// Sorts fits by their ratings and keeps one of each minimum.
 pub fn sort_out(fits: &mut Vec<Fit>) {
-    fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    fits.sort_by(|a, b| a.rating().total_cmp(&b.rating()));
     let mut kept: Vec<Fit> = Vec::with_capacity(fits.len());
     for fit in fits.drain(..) {
         if kept.iter().all(|other| !other.is_same(&fit)) {

@@ -234,7 +234,7 @@ impl Film<'_> {
                 _ => Reason::Contradictory,
             });
         };
-        let is_rivalled = self.fits[at].get(1).is_some_and(|next| next.cost < best.cost + MARGIN);
+        let is_rivalled = self.fits[at].get(1).is_some_and(|next| next.rating() < best.rating() + MARGIN);
         if is_rivalled && self.fits[at].iter().any(|fit| self.is_sound(at, fit).is_ok()) {
             return Err(Reason::Ambiguous);
         }
@@ -246,13 +246,17 @@ impl Film<'_> {
         }
     }
 
-    /// Whether a fit has enough points, and they determine it.
+    /// Whether three points, and at least half of those in view, agree on a fit and determine it.
     fn is_sound(&self, at: usize, fit: &Fit) -> Result<(), Reason> {
-        let seen = self.sightings[at].len();
         let used = fit.used();
-        if used < 3 || 2 * used < seen {
+        if used < 3 || 2 * used < self.sightings[at].len() {
             return Err(Reason::Contradictory);
         }
+        self.is_determined(at, fit)
+    }
+
+    /// Whether the points that agree on a fit determine it.
+    fn is_determined(&self, at: usize, fit: &Fit) -> Result<(), Reason> {
         let inside =
             self.sightings[at].iter().zip(&fit.norms).filter(|(_, norm)| **norm <= frame::GROSS_SIGMAS);
         if is_on_a_line(inside.map(|(sighting, _)| sighting)) {
@@ -321,19 +325,25 @@ impl Film<'_> {
         }
     }
 
-    /// The pose that fits an ambiguous frame and lies where its neighbours predict it, if just one does.
+    /// The pose that fits a frame and lies where its neighbours predict it, if just one does: of an ambiguous
+    /// frame, or of one in which less than half of the points agree.
     fn most_probable(&self, at: usize) -> Option<Fit> {
-        if self.chosen[at] != Err(Reason::Ambiguous) || self.neighbours(at) == [None, None] {
+        let is_likely = |fit: &Fit| match &self.chosen[at] {
+            Err(Reason::Ambiguous) => self.is_sound(at, fit).is_ok(),
+            Err(Reason::Contradictory) => fit.used() >= CHECKED_POINTS && self.is_determined(at, fit).is_ok(),
+            _ => false,
+        };
+        if !self.fits[at].iter().any(is_likely) || self.neighbours(at) == [None, None] {
             return None;
         }
         let (pose, covariance) = self.predict(at..at + 1)?.pop()?;
         let mut rated: Vec<(f64, &Fit)> = Vec::new();
         for fit in &self.fits[at] {
-            let Some(own) = fit.covariance.filter(|_| self.is_sound(at, fit).is_ok()) else { continue };
+            let Some(own) = fit.covariance.filter(|_| is_likely(fit)) else { continue };
             let gap = pose_minus(&fit.pose, &pose);
             let distance = gap.dot(&(covariance + own).cholesky()?.solve(&gap));
             if distance < PREDICTED {
-                rated.push((fit.cost + 0.5 * distance, fit));
+                rated.push((fit.rating() + 0.5 * distance, fit));
             }
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -93,6 +93,17 @@ fn frames_that_see_too_little_are_bridged_and_named() {
 }
 
 #[test]
+fn four_targets_are_enough() {
+    for height_m in [0.0, 0.5] {
+        let film = Simulated::new(4, height_m);
+        let resection = film.resect().unwrap();
+        let is_resected = |frame: &&FrameResection| frame.status == Status::Resected && frame.used == 4;
+        assert!(resection.frames.iter().filter(is_resected).count() >= 55, "{:?}", resection.quality());
+        assert!(film.worst_m(&resection) < 2.0, "{}", film.worst_m(&resection));
+    }
+}
+
+#[test]
 fn three_targets_are_decided_by_the_neighbours() {
     let mut film = Simulated::new(12, 0.3);
     (20..35).for_each(|at| film.sightings[at].truncate(3));
