@@ -33,6 +33,13 @@ const MARGIN: f64 = 8.0;
 /// Squared distance from the predicted pose, in standard deviations, beyond which a pose is not the one
 /// that was predicted: a normal one (6 numbers) gets there once in 10,000.
 const PREDICTED: f64 = 28.0;
+/// With fewer points than this, chance may have brought four of them together: the pose must be near the
+/// path of the neighbours.
+const WELL_CHECKED_POINTS: usize = 6;
+/// Squared distance from that path, in standard deviations, of a pose that is none.
+const OUTCAST: f64 = 100.0;
+/// Of so many frames on either side the worst is dropped first: it spoils the path of the others.
+const REACH: usize = 8;
 /// Neighbours farther away predict nothing \[s\].
 const NEIGHBOUR_S: f64 = 2.0;
 /// Width of points across their best line, as a share of that along it, below which they are said to be
@@ -190,6 +197,8 @@ pub fn resect(
     film.chosen = (0..times_s.len()).map(|at| film.alone(at)).collect();
     film.restart_between_neighbours();
     film.decide_by_neighbours();
+    film.drop_outcasts();
+    film.decide_by_neighbours();
     film.bridge()
 }
 
@@ -322,6 +331,31 @@ impl Film<'_> {
                     self.chosen[at] = Ok(fit);
                 }
             }
+        }
+    }
+
+    /// Takes back poses on few points that lie far from the path of their neighbours.
+    fn drop_outcasts(&mut self) {
+        let distance = |film: &Self, at: usize| -> Option<f64> {
+            let fit = film.chosen[at].as_ref().ok().filter(|fit| fit.used() < WELL_CHECKED_POINTS)?;
+            if film.given[at].is_some() || film.neighbours(at) == [None, None] {
+                return None;
+            }
+            let (pose, covariance) = film.predict(at..at + 1)?.pop()?;
+            let gap = pose_minus(&fit.pose, &pose);
+            Some(gap.dot(&(covariance + fit.covariance?).cholesky()?.solve(&gap)))
+        };
+        for _ in 0..MOST_ROUNDS {
+            let count = self.times_s.len();
+            let off: Vec<f64> =
+                (0..count).into_par_iter().map(|at| distance(self, at).unwrap_or(0.0)).collect();
+            let beside = |at: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(count);
+            let is_outcast = |at: &usize| off[*at] > OUTCAST && beside(*at).all(|k| off[k] <= off[*at]);
+            let outcasts: Vec<usize> = (0..count).filter(is_outcast).collect();
+            if outcasts.is_empty() {
+                break;
+            }
+            outcasts.into_iter().for_each(|at| self.chosen[at] = Err(Reason::Contradictory));
         }
     }
 

@@ -176,6 +176,25 @@ fn a_mirrored_frame_is_healed_by_its_neighbours() {
 }
 
 #[test]
+fn a_pose_on_four_points_far_from_its_neighbours_is_taken_back() {
+    let film = Simulated::new(12, 0.3);
+    let mut given: Vec<Option<(Pose, Matrix6<f64>)>> = vec![None; 60];
+    given[0] = Some((path(film.times_s[0]), Matrix6::from_diagonal_element(1e-6)));
+    let search = |s: &Vec<Sighting>| Frame { camera: &film.camera, sightings: s, spread: 1.0 }.search(1);
+    let (camera, times_s, sightings) = (&film.camera, &film.times_s, &film.sightings);
+    let fits: Vec<Vec<Fit>> = sightings.iter().map(search).collect();
+    let mut whole = Film { camera, times_s, sightings, given: &given, spread: 1.0, fits, chosen: Vec::new() };
+    whole.chosen = (0..60).map(|at| whole.alone(at)).collect();
+    let mut wrong = whole.fits[30][0].clone();
+    wrong.pose.translation.x += 20.0;
+    wrong.norms[4..].fill(100.0);
+    whole.chosen[30] = Ok(wrong);
+    whole.drop_outcasts();
+    assert_eq!(whole.chosen[30].as_ref().err(), Some(&Reason::Contradictory));
+    assert_eq!(whole.chosen.iter().filter(|chosen| chosen.is_err()).count(), 1);
+}
+
+#[test]
 fn what_cannot_be_determined_is_said() {
     let mut one = Simulated::new(12, 0.3);
     one.sightings.iter_mut().for_each(|s| s.truncate(1));
