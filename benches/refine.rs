@@ -25,7 +25,7 @@ fn main() {
             let problem = folder.problem.unwrap_or_else(|missing| panic!("{missing:?}"));
             seconds[0].push(begin.elapsed().as_secs_f64());
             let begin = Instant::now();
-            let initial = initialise(&problem, Method::RobustWhereNeeded);
+            let initial = initialise(&problem, Method::RobustWhereNeeded).expect("camera poses are given");
             seconds[1].push(begin.elapsed().as_secs_f64());
             let begin = Instant::now();
             let (_, adjustment) =

@@ -96,7 +96,6 @@ const DAMAGES: &[(&str, Damage, &[&str])] = &[
     ("frames.csv", Cell(3, 1, "0"), &["frames.csv:3: column time_s", "\"0\""]),
     ("frames.csv", Cell(4, 0, "1"), &["frames.csv:4: column frame"]),
     ("frames.csv", Cell(4, 0, "1.5"), &["frames.csv:4: column frame", "\"1.5\""]),
-    ("camera_poses.csv", Without(4), &["camera_poses.csv: expected a pose of frame 2"]),
     ("camera_poses.csv", Twice(3), &["camera_poses.csv:4: column frame"]),
     ("camera_poses.csv", Cell(2, 4, "0.9"), &["camera_poses.csv:2: column qw,qx,qy,qz", "length"]),
     ("camera_poses.csv", Cell(2, 0, "77"), &["camera_poses.csv:2: column frame", "\"77\""]),
@@ -267,7 +266,6 @@ fn all_findings_of_all_files_come_at_once() {
 
 #[test]
 fn what_is_not_computed_yet_is_refused_by_name() {
-    let no_cameras = |problem: &Path| std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
     let no_vehicles = |problem: &Path| std::fs::remove_file(problem.join("vehicle_poses.csv")).unwrap();
     let settings = |from: &'static str, to: &'static str| {
         move |problem: &Path| apply(&Replace(from, to), &problem.join("problem.toml"))
@@ -278,8 +276,7 @@ fn what_is_not_computed_yet_is_refused_by_name() {
         std::fs::write(problem.join("observations/gnss.csv"), table).unwrap();
     };
     type Change = Box<dyn Fn(&Path)>;
-    let cases: [(&str, Change); 5] = [
-        ("spatial resection", Box::new(no_cameras)),
+    let cases: [(&str, Change); 4] = [
         ("ray-terrain intersection", Box::new(no_vehicles)),
         ("rolling shutter", Box::new(settings("width = 3840", "readout_s = 0.02\nwidth = 3840"))),
         ("self-calibration", Box::new(settings("[noise]", "[camera.refine]\nfx = \"free\"\n[noise]"))),
@@ -297,5 +294,44 @@ fn what_is_not_computed_yet_is_refused_by_name() {
             assert!(errors.contains(name), "{name} is not in\n{errors}");
         }
         assert!(!place.path().join("problem-result").exists());
+    }
+}
+
+#[test]
+fn a_gap_in_the_camera_poses_needs_three_control_targets() {
+    for (targets, check, code) in [(0, 0, 3), (2, 0, 3), (5, 3, 3), (6, 0, 0)] {
+        let place = tempfile::tempdir().unwrap();
+        let problem = place.path().join("problem");
+        Drive { frames: 6, points: 6, targets, check, ..Default::default() }.write(&problem);
+        apply(&Without(4), &problem.join("camera_poses.csv"));
+        let output = program().arg("check").arg(&problem).output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{targets} {check}: {errors}");
+        assert_eq!(code == 3, errors.contains("camera_poses.csv: expected a pose of frame 2"), "{errors}");
+    }
+}
+
+#[test]
+fn cameras_that_cannot_be_resected_are_no_solution() {
+    type Place = fn(usize) -> [f64; 3];
+    let cases: [(&str, Place); 2] = [
+        ("none sees more than 1", |k| [2.0 * k as f64, if k == 0 { 1.0 } else { 900.0 }, 0.0]),
+        ("rotation of the camera about that line", |k| [4.0 * k as f64 - 8.0, 2.0 * k as f64 - 3.0, 0.1]),
+    ];
+    for (wanted, place_of) in cases {
+        let place = tempfile::tempdir().unwrap();
+        let problem = place.path().join("problem");
+        let drive =
+            Drive { frames: 6, points: 6, targets: 5, target_place: Some(place_of), ..Default::default() };
+        drive.write(&problem);
+        std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
+        for command in ["initialise", "refine"] {
+            let out = place.path().join("result");
+            let output = program().arg(command).arg(&problem).arg("--out").arg(&out).output().unwrap();
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(4), "{errors}");
+            assert!(errors.contains(wanted), "{wanted} is not in\n{errors}");
+            assert!(!out.exists());
+        }
     }
 }

@@ -26,7 +26,11 @@ const PLAN: &[(u32, &str, &[&str])] = &[
     (4, "residuals", &["camera", "terrain", "geometry", "nlls/residual", "nlls/manifold"]),
     (4, "estimate", &["problem", "geometry"]),
     (5, "files", &["tables", "camera", "terrain", "geometry", "problem", "estimate"]),
-    (5, "initialise", &["nlls/loss", "residuals", "estimate", "problem", "camera", "terrain", "geometry"]),
+    (
+        5,
+        "initialise",
+        &["nlls/loss", "nlls/manifold", "residuals", "estimate", "problem", "camera", "terrain", "geometry"],
+    ),
     (
         6,
         "refine",
@@ -83,8 +87,8 @@ const DOORS: &[(&str, &[&str])] = &[
     ("tiff", &["terrain"]),
     ("ply_rs_bw", &["reference", "report"]),
     ("rayon", &["nlls/linear", "nlls/system", "nlls/minimise", "initialise", "refine", "cli"]),
-    ("rand", &["nlls/system", "refine", "problem"]),
-    ("rand_chacha", &["nlls/system", "refine", "problem"]),
+    ("rand", &["nlls/loss", "nlls/system", "initialise", "refine", "problem"]),
+    ("rand_chacha", &["nlls/loss", "nlls/system", "initialise", "refine", "problem"]),
     ("clap", &["cli"]),
     ("clap_complete", &["cli"]),
     ("indicatif", &["cli"]),

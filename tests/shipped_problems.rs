@@ -96,6 +96,25 @@ fn wrong_poses_are_refined() {
     assert!((score.scale - 1.0).abs() < 0.005, "{score:?}");
 }
 
+/// The same cameras from the targets alone: nothing is lost.
+#[test]
+fn cameras_are_resected_from_targets() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    copy_folder(&shipped("suv-noisy"), &problem);
+    std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
+    let (_place, result) = run("refine", &problem, &[]);
+    let score = scored(&result, "suv-noisy");
+    assert!(score.marker_rms_xy_m <= 0.030, "{score:?}");
+    assert!(score.shape_median_m <= 0.023, "{score:?}");
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(result.join("report.json")).unwrap()).unwrap();
+    let resection = &report["resection"];
+    assert_eq!((&resection["resected"], &resection["bridged"]), (&150.into(), &0.into()), "{resection}");
+    assert_eq!(resection["frames"].as_array().unwrap().len(), 150);
+    assert!(resection["median_sigma_position_m"].as_f64().unwrap() < 0.2);
+}
+
 #[test]
 fn the_report_agrees_with_the_residuals() {
     let report: serde_json::Value =

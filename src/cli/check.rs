@@ -55,7 +55,8 @@ fn describe(inventory: &Inventory) -> String {
     } = inventory;
     let mut text = format!("problem     {name}\n");
     text += &format!("frames      {}, {:.3} s to {:.3} s\n", grouped(*frames), first, last);
-    text += &format!("camera      {width} x {height} px, poses of {}\n", counted(*camera_poses, "frame"));
+    text += &format!("camera      {width} x {height} px, poses of {}", counted(*camera_poses, "frame"));
+    text += if camera_poses < frames { "; the others by resection from targets\n" } else { "\n" };
     vehicles.iter().for_each(|vehicle| text += &describe_vehicle(vehicle));
     if targets.control + targets.check + targets.tie == 0 {
         text += "targets     none\n";

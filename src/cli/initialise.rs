@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::options::{Opened, OutputOptions};
-use super::output::{counted, grouped, print};
+use super::output::{counted, describe_resection, grouped, print};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::Loss;
 use crate::refine::Fits;
@@ -48,7 +48,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Dlt::Robust => Method::RobustWhereNeeded,
         Dlt::Plain => Method::Plain,
     };
-    let initial = initialise(&problem, method);
+    let initial = initialise(&problem, method)?;
     output.warn(&initial.warnings);
     if !initial.estimate.is_finite() {
         return Err(Failure::NoSolution("a starting value is out of all proportion".to_owned()));
@@ -75,6 +75,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 counted(vehicle.points.len(), "point")
             );
         }
+        text += &describe_resection(initial.resection.as_ref());
         text += &format!("robust fit  of {}\n", counted(initial.robust_points, "point"));
         text += &format!("result      {}\n", folder.display());
         print(&text)?;

@@ -6,6 +6,7 @@ mod options;
 mod output;
 mod refine;
 
+use crate::initialise::NotResectable;
 use crate::refine::NoSolution;
 use crate::report::folder::PlaceError;
 use crate::tables::Findings;
@@ -72,6 +73,12 @@ impl From<PlaceError> for Failure {
 
 impl From<NoSolution> for Failure {
     fn from(error: NoSolution) -> Self {
+        Failure::NoSolution(error.to_string())
+    }
+}
+
+impl From<NotResectable> for Failure {
+    fn from(error: NotResectable) -> Self {
         Failure::NoSolution(error.to_string())
     }
 }

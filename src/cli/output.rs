@@ -1,6 +1,7 @@
 //! What is said on the way.
 
 use super::Failure;
+use crate::initialise::Resection;
 use crate::nlls::minimise::IterationRecord;
 use crate::refine::{Progress, ProgressSink};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -103,6 +104,21 @@ pub fn grouped(number: impl ToString) -> String {
         text.push(digit);
     }
     text
+}
+
+/// How camera poses were found, in a line; nothing where all were given.
+pub fn describe_resection(resection: Option<&Resection>) -> String {
+    let Some(quality) = resection.map(Resection::quality) else { return String::new() };
+    format!(
+        "resection   {} resected, {} bridged; medians: {} targets, rms {:.2} px, sigma {:.3} m, {:.3} deg; {}\n",
+        counted(quality.resected, "frame"),
+        grouped(quality.bridged),
+        quality.median_used,
+        quality.median_rms_px,
+        quality.median_sigma_position_m,
+        quality.median_sigma_attitude_rad.to_degrees(),
+        counted(quality.gross_errors, "gross error")
+    )
 }
 
 /// `count` and a word, which gets an s where there is not just one.

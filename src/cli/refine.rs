@@ -2,11 +2,11 @@
 
 use super::Failure;
 use super::options::{Opened, OutputOptions, default_result_folder, motion_prior, positive, shape};
-use super::output::{counted, grouped, print, progress};
+use super::output::{counted, describe_resection, grouped, print, progress};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
 use crate::refine::{Adjustment, Arrangement, MotionPrior, MotionPriors, RefineOptions, refine};
-use crate::report::{Report, left_out, report_of_adjustment, result_tables};
+use crate::report::{Report, left_out, report_of_adjustment, resection_report, result_tables};
 use crate::scene::scene;
 use clap::Args;
 use std::path::PathBuf;
@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Opened { problem, warnings, read_s } = output.open(&arguments.problem, &target)?;
 
     let begin = Instant::now();
-    let initial = initialise(&problem, Method::RobustWhereNeeded);
+    let initial = initialise(&problem, Method::RobustWhereNeeded)?;
     output.warn(&initial.warnings);
     let initialise_s = begin.elapsed().as_secs_f64();
 
@@ -85,6 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (estimate, adjustment) = refine(&problem, &initial.estimate, &options, sink)?;
     output.warn(&adjustment.warnings);
     let mut report = report_of_adjustment(&problem, &adjustment, left_out(&problem, &estimate));
+    report.resection = resection_report(&problem, initial.resection.as_ref());
     report.warnings.splice(0..0, warnings.into_iter().chain(initial.warnings.iter().cloned()));
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", initialise_s);
@@ -98,6 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let folder = output.write(&target, &tables, &mut report, draw)?;
     if !output.json && !output.quiet {
+        print(&describe_resection(initial.resection.as_ref()))?;
         print(&summary(&adjustment, &report))?;
         print(&format!("result      {}\n", folder.display()))?;
     }

@@ -60,10 +60,6 @@ impl Checked<'_> {
         let poses = self.camera_poses.len();
         let inventory = Inventory::new(name, camera.size_px, &self.frames, poses, &vehicles, targets);
         let mut not_supported = self.settings.not_supported.clone();
-        let without_pose = self.frames.len() - self.camera_poses.len();
-        if without_pose > 0 {
-            not_supported.push(format!("spatial resection ({without_pose} frames have no camera pose)"));
-        }
         if !self.has_vehicle_poses {
             not_supported.push(
                 "vehicle poses from ray-terrain intersection (there is no vehicle_poses.csv)".to_owned(),
@@ -79,7 +75,9 @@ impl Checked<'_> {
         let problem = Problem {
             name: self.settings.name.clone(),
             camera: self.settings.camera.clone(),
-            camera_poses: (0..self.frames.len()).map(|frame| self.camera_poses[&frame]).collect(),
+            camera_poses: (0..self.frames.len())
+                .map(|frame| self.camera_poses.get(&frame).copied())
+                .collect(),
             frames: self.frames,
             camera_pose_sigma: self.settings.camera_pose_sigma,
             targets: self.targets,

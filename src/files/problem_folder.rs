@@ -23,6 +23,9 @@ const TARGET_SIGMA_M: f64 = 0.02;
 /// Standard deviation of a coordinate of a shape point that is given without one \[m\].
 const POINT_SIGMA_M: f64 = 0.1;
 
+/// Control targets with three coordinates from which a camera pose can be resected.
+const LEAST_CONTROL: usize = 3;
+
 /// Reads and validates a problem folder. The error holds everything that is wrong with it.
 pub fn read_problem(folder: &Path) -> Result<Folder, Findings> {
     let mut reader = Reader { folder, findings: Findings::default() };
@@ -32,6 +35,14 @@ pub fn read_problem(folder: &Path) -> Result<Folder, Findings> {
         Some(checked) if !reader.findings.is_invalid() => Ok(checked.into_folder(reader.findings)),
         _ => Err(reader.findings),
     }
+}
+
+/// Whether frames without a camera pose can get one from targets.
+fn can_resect(targets: Option<&[Line<TargetRow>]>) -> bool {
+    let is_control = |row: &TargetRow| {
+        row.role.as_deref() != Some("check") && [row.x, row.y, row.z].iter().all(Option::is_some)
+    };
+    targets.unwrap_or_default().iter().filter(|line| is_control(&line.row)).count() >= LEAST_CONTROL
 }
 
 struct Reader<'a> {
@@ -251,9 +262,15 @@ impl Reader<'_> {
                 self.cell(CAMERA_POSES, *line, "frame", "a frame that has one pose", row.frame);
             }
         }
+        if can_resect(tables.targets.as_deref()) {
+            return poses;
+        }
         for Line { row, .. } in tables.frames.iter().flatten() {
             if index.frames.get(&row.frame).is_some_and(|frame| !poses.contains_key(frame)) {
-                let wanted = format!("a pose of frame {} (gaps are not filled by resection yet)", row.frame);
+                let wanted = format!(
+                    "a pose of frame {} (there are not {LEAST_CONTROL} control targets to resect it from)",
+                    row.frame
+                );
                 self.findings.error(Finding::of_file(CAMERA_POSES, &wanted, "none"));
             }
         }

@@ -1,7 +1,10 @@
-//! The first estimate: poses as they are given, shapes by direct linear transformation.
+//! The first estimate: poses as they are given, cameras without one by spatial resection, shapes by
+//! direct linear transformation, static points by intersection of their rays.
 
 pub mod dlt;
+pub mod resection;
 pub mod robust_dlt;
+pub mod triangulation;
 
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
@@ -9,13 +12,10 @@ use crate::problem::{Problem, Role, Vehicle};
 use dlt::{LinearPoint, Sighting};
 use nalgebra::Point3;
 use rayon::prelude::*;
+pub use resection::{NotResectable, Resection};
 
 /// Fewest points that give a vehicle a pose in every frame.
 const LEAST_POINTS: usize = 3;
-
-/// A static point whose depth is worse known than this share of its distance is said to have none:
-/// the camera hardly moves, and the point would drift along its ray.
-const LEAST_PARALLAX: f64 = 0.01;
 
 /// From this standard deviation on the depth of a shape point is said to be left open by its rays.
 const OPEN_DEPTH_M: f64 = 0.3;
@@ -42,13 +42,20 @@ pub struct Initial {
     pub estimate: Estimate,
     /// How many points needed the robust fit.
     pub robust_points: usize,
+    /// How cameras without a given pose were found, where there are any.
+    pub resection: Option<Resection>,
     /// What is odd.
     pub warnings: Vec<String>,
 }
 
-/// The first estimate of a problem.
-pub fn initialise(problem: &Problem, method: Method) -> Initial {
+/// The first estimate of a problem. Cameras without a given pose are resected from control targets; the
+/// error says why no pose can be had.
+pub fn initialise(problem: &Problem, method: Method) -> Result<Initial, NotResectable> {
     let mut warnings = Vec::new();
+    let (camera_poses, resection) = camera_poses(problem)?;
+    if let Some(resection) = &resection {
+        warnings.extend(resection::warnings(resection, &problem.frames));
+    }
     let mut robust_points = 0;
     let mut vehicles = Vec::new();
     for vehicle in &problem.vehicles {
@@ -59,7 +66,7 @@ pub fn initialise(problem: &Problem, method: Method) -> Initial {
             left_out: None,
         };
         estimate.bridge_gaps(problem, vehicle);
-        let fits = shape(problem, vehicle, &estimate, method);
+        let fits = shape(problem, &camera_poses, vehicle, &estimate, method);
         robust_points += fits.iter().flatten().filter(|fit| fit.robust).count();
         estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
         estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
@@ -67,12 +74,8 @@ pub fn initialise(problem: &Problem, method: Method) -> Initial {
         warn_of_points(vehicle, &estimate, &mut warnings);
         vehicles.push(estimate);
     }
-    let mut estimate = Estimate {
-        camera_poses: problem.camera_poses.clone(),
-        vehicles,
-        targets: vec![None; problem.targets.len()],
-        terrain_bias_m: 0.0,
-    };
+    let mut estimate =
+        Estimate { camera_poses, vehicles, targets: vec![None; problem.targets.len()], terrain_bias_m: 0.0 };
     let mut without_depth = Vec::new();
     for (at, target) in problem.targets.iter().enumerate() {
         let surveyed = target.surveyed().filter(|_| target.role == Role::Control);
@@ -88,7 +91,17 @@ pub fn initialise(problem: &Problem, method: Method) -> Initial {
             without_depth.join(", ")
         ));
     }
-    Initial { estimate, robust_points, warnings }
+    Ok(Initial { estimate, robust_points, resection, warnings })
+}
+
+/// `world_from_camera` of each frame, and how those were found that were not given.
+fn camera_poses(problem: &Problem) -> Result<(Vec<Pose>, Option<Resection>), NotResectable> {
+    let given: Option<Vec<Pose>> = problem.camera_poses.iter().copied().collect();
+    if let Some(given) = given {
+        return Ok((given, None));
+    }
+    let resection = resection::resect_problem(problem)?;
+    Ok((resection.frames.iter().map(|frame| frame.pose).collect(), Some(resection)))
 }
 
 struct Fit {
@@ -99,6 +112,7 @@ struct Fit {
 
 fn shape(
     problem: &Problem,
+    camera_poses: &[Pose],
     vehicle: &Vehicle,
     estimate: &VehicleEstimate,
     method: Method,
@@ -108,7 +122,7 @@ fn shape(
         let Some(ray) = problem.camera.ray(&observation.image_px) else { continue };
         let world_from_body = estimate.poses[observation.frame].expect("a pose where it is seen");
         sightings[observation.point].push(Sighting {
-            camera_from_body: problem.camera_poses[observation.frame].inverse() * world_from_body,
+            camera_from_body: camera_poses[observation.frame].inverse() * world_from_body,
             ray,
             sigma: observation.sigma_px / problem.camera.focal_px.mean(),
         });
@@ -169,20 +183,7 @@ pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize)
             })
         })
         .collect();
-    if sightings.len() < 2 {
-        return None;
-    }
-    let linear = LinearPoint::new(&sightings, &known);
-    let plain = linear.solve()?;
-    let distance_m =
-        sightings.iter().map(|s| (s.camera_from_body * plain).coords.norm()).fold(f64::INFINITY, f64::min);
-    if linear.largest_sigma_m() > LEAST_PARALLAX * distance_m {
-        return None;
-    }
-    if linear.has_heavy_tails(&plain) {
-        return robust_dlt::solve_anywhere(&linear, HUBER).or(Some(plain));
-    }
-    Some(plain)
+    triangulation::triangulate(&sightings, &known).ok().map(|found| found.point)
 }
 
 fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate) -> Option<String> {

@@ -20,21 +20,9 @@ use clarabel::solver::{
 };
 use nalgebra::Point3;
 
-/// As good as no box \[m\].
-const ANYWHERE_M: [[f64; 2]; 3] = [[-1e4, 1e4]; 3];
-
 /// The Huber fit of a point of a vehicle; `huber` is the length in standard deviations at which a
 /// residual turns linear. `None` where the program has no solution.
 pub fn solve(linear: &LinearPoint, huber: f64) -> Option<Point3<f64>> {
-    solve_within(linear, huber, &BODY_BOX_M)
-}
-
-/// The Huber fit of a point that may lie anywhere.
-pub fn solve_anywhere(linear: &LinearPoint, huber: f64) -> Option<Point3<f64>> {
-    solve_within(linear, huber, &ANYWHERE_M)
-}
-
-fn solve_within(linear: &LinearPoint, huber: f64, bounds: &[[f64; 2]; 3]) -> Option<Point3<f64>> {
     // Unknowns: M (3), w (a row each), t (a sighting each; known coordinates are not robust, t = 0).
     let (rows, sightings) = (linear.rows.nrows(), linear.sightings);
     let unknowns = 3 + rows + sightings;
@@ -54,7 +42,7 @@ fn solve_within(linear: &LinearPoint, huber: f64, bounds: &[[f64; 2]; 3]) -> Opt
     if known > 0 {
         cones.push(SupportedConeT::ZeroConeT(known));
     }
-    for (axis, [lower, upper]) in bounds.iter().enumerate() {
+    for (axis, [lower, upper]) in BODY_BOX_M.iter().enumerate() {
         for (sign, bound) in [(1.0, *upper), (-1.0, -*lower)] {
             let at = entries.next_row();
             entries.add(at, axis, sign);

@@ -222,9 +222,31 @@ impl FromStr for LossName {
     }
 }
 
+/// Standard deviation per coordinate of pairs with these squared norms, of which less than half may be
+/// gross: from the median on, the root mean square of those within three standard deviations, corrected
+/// for the cut.
+pub fn robust_spread(mut squares: Vec<f64>) -> f64 {
+    if squares.is_empty() {
+        return 1.0;
+    }
+    squares.sort_by(f64::total_cmp);
+    // Half the squared norm of two unit normal numbers is exponential: its median is ln 2.
+    let mut variance = (0.5 * squares[squares.len() / 2] / 2_f64.ln()).clamp(1e-6, 1e6);
+    let half_cut: f64 = 4.5;
+    let left = (1.0 - (-half_cut).exp() * (1.0 + half_cut)) / (1.0 - (-half_cut).exp());
+    for _ in 0..20 {
+        let inside = squares.partition_point(|s| 0.5 * s < half_cut * variance).max(1);
+        let mean = squares[..inside].iter().sum::<f64>() / (2 * inside) as f64;
+        variance = (mean / left).clamp(1e-6, 1e6);
+    }
+    variance.sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     /// The laws of [`Loss`], at `s` on both sides of every branch.
     fn obeys_the_laws(loss: Loss) {
@@ -303,5 +325,24 @@ mod tests {
             assert_eq!(name.to_string(), spelling);
         }
         assert!("cauchi".parse::<LossName>().unwrap_err().contains("geman-mcclure"));
+    }
+
+    #[test]
+    fn the_spread_is_that_of_the_good_ones() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut squares = |gross_share: f64| -> Vec<f64> {
+            let one = |_| match rng.random::<f64>() {
+                r if r < gross_share => rng.random_range(40.0..4000.0),
+                _ => -2.0 * 1.7 * 1.7 * rng.random_range(f64::EPSILON..1.0).ln(),
+            };
+            (0..20_000).map(one).collect()
+        };
+        for (gross_share, tolerance) in [(0.0, 0.01), (0.2, 0.02), (0.45, 0.05)] {
+            let found = robust_spread(squares(gross_share)) / 1.7;
+            assert!((found - 1.0).abs() < tolerance, "{gross_share}: {found}");
+        }
+        assert_eq!(robust_spread(Vec::new()), 1.0);
+        assert!(robust_spread(vec![0.0; 5]) > 0.0);
+        assert!(robust_spread(vec![f64::INFINITY; 5]).is_finite());
     }
 }

@@ -18,9 +18,10 @@ pub struct Problem {
     pub camera: Camera,
     /// The frames, in time order.
     pub frames: Vec<Frame>,
-    /// `world_from_camera` of each frame, as far as it is known beforehand.
-    pub camera_poses: Vec<Pose>,
-    /// How well it is known.
+    /// `world_from_camera` of each frame, as far as it is known beforehand; there is one for every frame,
+    /// or there are targets to resect the others from.
+    pub camera_poses: Vec<Option<Pose>>,
+    /// How well those that are given are known.
     pub camera_pose_sigma: PoseSigma,
     /// Surveyed points and tie points, sorted by id.
     pub targets: Vec<Target>,

@@ -43,17 +43,20 @@ pub fn ray_axes(camera: &Pose, vehicle: &Pose) -> Rotation3<f64> {
     Rotation3::face_towards(&ray, &up)
 }
 
-/// How camera poses are treated, and a warning where they are held for want of anything better.
+/// How camera poses that were given are treated, and a warning where they are held for want of anything
+/// better. Those that were not given come from the targets, which are in the adjustment themselves: they
+/// are free, and their starting values weigh nothing.
 pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
-    let rows = problem.frames.len() as f64;
+    let given = problem.camera_poses.iter().flatten().count();
+    let rows = given as f64;
     let components = problem.camera_pose_sigma.components();
     let held_by_targets = targets_hold(problem);
-    let unknown_is_held = !held_by_targets && components.iter().any(Option::is_none);
+    let unknown_is_held = given > 0 && !held_by_targets && components.iter().any(Option::is_none);
     let treatment = Treatment {
         free: components.map(|sigma| sigma.map_or(held_by_targets, |s| s > 0.0)),
         prior_sigma: prior_sigma(&components, &UNKNOWN_CAMERA_POSE, rows.sqrt()),
     };
-    let is_adrift = !held_by_targets && treatment.free.contains(&true);
+    let is_adrift = !held_by_targets && (given < problem.frames.len() || treatment.free.contains(&true));
     let adrift = || {
         "most frames see fewer than three surveyed control targets: errors of the starting camera poses that \
          last for many frames stay in the cameras and in the tracks"
@@ -92,15 +95,31 @@ fn prior_sigma(known: &[Option<f64>; 6], unknown: &[f64; 6], factor: f64) -> [f6
     })
 }
 
+/// Standard deviations that keep the camera of a frame from being undetermined that has neither a given
+/// pose, nor a motion prior, nor targets enough; `None` where nothing of the kind is needed \[m, rad\].
+pub fn of_bridged_cameras(problem: &Problem, has_motion: bool) -> Vec<Option<[f64; 6]>> {
+    let factor = (problem.frames.len() as f64).sqrt();
+    let is_lost =
+        |(pose, seen): (&Option<Pose>, usize)| pose.is_none() && !has_motion && seen < TARGETS_THAT_HOLD;
+    let lost = problem.camera_poses.iter().zip(control_in_view(problem)).map(is_lost);
+    lost.map(|is_lost| is_lost.then(|| UNKNOWN_CAMERA_POSE.map(|sigma| sigma * factor))).collect()
+}
+
 /// Whether most frames see enough surveyed control targets to be held by them.
 fn targets_hold(problem: &Problem) -> bool {
+    let mut seen = control_in_view(problem);
+    seen.sort_unstable();
+    seen[seen.len() / 2] >= TARGETS_THAT_HOLD
+}
+
+/// How many surveyed control targets each frame sees.
+fn control_in_view(problem: &Problem) -> Vec<usize> {
     let mut seen = vec![0; problem.frames.len()];
     for observation in &problem.target_observations {
         let target = &problem.targets[observation.target];
         seen[observation.frame] += usize::from(target.role == Role::Control && target.is_surveyed());
     }
-    seen.sort_unstable();
-    seen[seen.len() / 2] >= TARGETS_THAT_HOLD
+    seen
 }
 
 /// Why the scale of a vehicle is not fixed by the problem, where it is not.

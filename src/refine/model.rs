@@ -3,10 +3,10 @@
 use super::NoSolution;
 use super::RefineOptions;
 use super::datum::{self, Treatment};
-use super::motion::{Body, Motion, MotionPriors};
+use super::motion::{Body, Motion, MotionPrior, MotionPriors};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::nlls::loss::Loss;
+use crate::nlls::loss::{Loss, robust_spread};
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
 use crate::nlls::minimise::Minimiser;
 use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, TimeStep, Values};
@@ -103,11 +103,14 @@ impl Model {
         let images = add_images(&mut builder, problem, &blocks);
         let highest_points = highest_points(problem, current);
         let mut groups = add_knowledge(&mut builder, problem, &blocks, &highest_points);
-        let poses = add_starting_poses(&mut builder, problem, start, &blocks, &cameras, &vehicles);
+        let starting = Starting { start, cameras: &cameras, vehicles: &vehicles };
+        let poses = add_starting_poses(&mut builder, problem, &starting, &blocks, options.motion);
         let (shapes, shape_rows) = add_starting_shapes(&mut builder, problem, start, &blocks);
         let free = |treatment: &Treatment| treatment.free.iter().filter(|free| **free).count();
         let adjusted = vehicles.iter().zip(&start.vehicles).filter(|(_, start)| start.left_out.is_none());
-        let pose_rows = free(&cameras) + adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>();
+        let is_given = problem.camera_poses.iter().any(Option::is_some);
+        let camera_rows = if is_given { free(&cameras) } else { 0 };
+        let pose_rows = camera_rows + adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>();
         if let Some(ground) = &problem.ground {
             groups.extend(add_contacts(&mut builder, problem, ground, current, &blocks, &mut warnings));
         }
@@ -231,26 +234,6 @@ impl Model {
     }
 }
 
-/// Standard deviation per coordinate of pairs with these squared norms, of which less than half may be
-/// gross: from the median on, the root mean square of those within three standard deviations, corrected
-/// for the cut.
-fn robust_spread(mut squares: Vec<f64>) -> f64 {
-    if squares.is_empty() {
-        return 1.0;
-    }
-    squares.sort_by(f64::total_cmp);
-    // Half the squared norm of two unit normal numbers is exponential: its median is ln 2.
-    let mut variance = (0.5 * squares[squares.len() / 2] / 2_f64.ln()).clamp(1e-6, 1e6);
-    let half_cut: f64 = 4.5;
-    let left = (1.0 - (-half_cut).exp() * (1.0 + half_cut)) / (1.0 - (-half_cut).exp());
-    for _ in 0..20 {
-        let inside = squares.partition_point(|s| 0.5 * s < half_cut * variance).max(1);
-        let mean = squares[..inside].iter().sum::<f64>() / (2 * inside) as f64;
-        variance = (mean / left).clamp(1e-6, 1e6);
-    }
-    variance.sqrt()
-}
-
 /// The highest point of each vehicle whose height is known, among those that are seen at least half
 /// as often as most: a point that is hardly seen may lie anywhere.
 pub fn highest_points(problem: &Problem, estimate: &Estimate) -> Vec<Option<usize>> {
@@ -286,7 +269,8 @@ fn add_blocks(
     };
     for frame in 0..problem.frames.len() {
         let pose = write_pose(&current.camera_poses[frame]);
-        blocks.cameras.push(builder.add_block(Manifold::Pose, &pose, &cameras.free));
+        let free = if problem.camera_poses[frame].is_some() { cameras.free } else { [true; 6] };
+        blocks.cameras.push(builder.add_block(Manifold::Pose, &pose, &free));
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let estimate = &current.vehicles[at];
             let in_span = vehicle.span().contains(&frame) && estimate.left_out.is_none();
@@ -483,22 +467,35 @@ fn add_tie_points(builder: &mut SystemBuilder, problem: &Problem, current: &Esti
     builder.add_group("place of a tie point", Loss::Squared, rows);
 }
 
+/// Starting poses and how they are treated.
+struct Starting<'a> {
+    start: &'a Estimate,
+    cameras: &'a Treatment,
+    vehicles: &'a [Treatment],
+}
+
 fn add_starting_poses(
     builder: &mut SystemBuilder,
     problem: &Problem,
-    start: &Estimate,
+    Starting { start, cameras, vehicles }: &Starting,
     blocks: &Blocks,
-    cameras: &Treatment,
-    vehicles: &[Treatment],
+    priors: MotionPriors,
 ) -> [GroupId; 2] {
-    let of_cameras = blocks.cameras.iter().zip(&start.camera_poses).map(|(block, start)| Measurement {
+    let row = |block: &BlockId, start: &Pose, sigma: [f64; 6]| Measurement {
         residual: PosePrior { start: *start, axes: Rotation3::identity() },
         blocks: [*block],
-        sigma: cameras.prior_sigma,
-    });
+        sigma,
+    };
+    let given = blocks.cameras.iter().zip(&problem.camera_poses);
+    let of_cameras = given.filter_map(|(block, pose)| Some(row(block, pose.as_ref()?, cameras.prior_sigma)));
     let of_cameras = of_cameras.collect();
+    let lost = datum::of_bridged_cameras(problem, priors.camera != MotionPrior::Off);
+    let found = blocks.cameras.iter().zip(&start.camera_poses).zip(lost);
+    let of_lost = found.filter_map(|((block, pose), sigma)| Some(row(block, pose, sigma?)));
+    // Takes no part in the statistics.
+    builder.add_group("pose of a camera that nothing holds", Loss::Squared, of_lost.collect());
     let mut of_vehicles = Vec::new();
-    for ((vehicle, blocks), treatment) in problem.vehicles.iter().zip(&blocks.vehicles).zip(vehicles) {
+    for ((vehicle, blocks), treatment) in problem.vehicles.iter().zip(&blocks.vehicles).zip(*vehicles) {
         let cameras = &start.camera_poses;
         for ((block, start), camera) in blocks.poses.iter().zip(&vehicle.poses).zip(cameras) {
             if let (Some(block), Some(start)) = (*block, *start) {
@@ -593,30 +590,4 @@ fn add_motion(
         motion.add(builder, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle);
     }
     motion
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rand::{Rng, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
-
-    #[test]
-    fn the_spread_is_that_of_the_good_ones() {
-        let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let mut squares = |gross_share: f64| -> Vec<f64> {
-            let one = |_| match rng.random::<f64>() {
-                r if r < gross_share => rng.random_range(40.0..4000.0),
-                _ => -2.0 * 1.7 * 1.7 * rng.random_range(f64::EPSILON..1.0).ln(),
-            };
-            (0..20_000).map(one).collect()
-        };
-        for (gross_share, tolerance) in [(0.0, 0.01), (0.2, 0.02), (0.45, 0.05)] {
-            let found = robust_spread(squares(gross_share)) / 1.7;
-            assert!((found - 1.0).abs() < tolerance, "{gross_share}: {found}");
-        }
-        assert_eq!(robust_spread(Vec::new()), 1.0);
-        assert!(robust_spread(vec![0.0; 5]) > 0.0);
-        assert!(robust_spread(vec![f64::INFINITY; 5]).is_finite());
-    }
 }

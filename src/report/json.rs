@@ -1,7 +1,8 @@
 //! `report.json`: what was solved and how well, for programs.
 
 use super::folder::PROGRAM;
-use crate::initialise::Initial;
+use crate::initialise::resection::Status;
+use crate::initialise::{Initial, Resection};
 use crate::nlls::linear::ordering::Rule;
 use crate::nlls::loss::Loss;
 use crate::problem::Problem;
@@ -48,6 +49,8 @@ pub struct Report {
     pub behind_camera: usize,
     /// Image points of points without coordinates.
     pub not_used: usize,
+    /// How cameras without a given pose were found; `null` where all were given.
+    pub resection: Option<ResectionReport>,
     /// The loss of image points.
     pub loss: Option<LossReport>,
     /// The motion priors.
@@ -64,6 +67,55 @@ pub struct Report {
     pub seconds: BTreeMap<&'static str, f64>,
     /// What is odd.
     pub warnings: Vec<String>,
+}
+
+/// How camera poses were found before the adjustment. Medians are over the frames that were resected;
+/// sigmas are those along and about the worst axis.
+#[derive(Clone, Debug, Serialize)]
+pub struct ResectionReport {
+    /// Frames whose pose was given.
+    pub given: usize,
+    /// Frames that were resected.
+    pub resected: usize,
+    /// Frames that were bridged.
+    pub bridged: usize,
+    /// Gross errors among the image points of control targets in resected frames.
+    pub gross_errors: usize,
+    /// By what image points of targets scatter more than their sigmas say, at least 1.
+    pub spread: f64,
+    /// Median number of control targets that took part.
+    pub median_targets_used: f64,
+    /// Median root mean square of the coordinates of residuals.
+    pub median_rms_px: f64,
+    /// Median standard deviation of a position.
+    pub median_sigma_position_m: f64,
+    /// Median standard deviation of an attitude.
+    pub median_sigma_attitude_deg: f64,
+    /// One for each frame without a given pose.
+    pub frames: Vec<FrameResectionReport>,
+}
+
+/// How the camera pose of a frame was found.
+#[derive(Clone, Debug, Serialize)]
+pub struct FrameResectionReport {
+    /// Number of the frame.
+    pub frame: i64,
+    /// `resected` or `bridged`.
+    pub status: &'static str,
+    /// Why it was bridged.
+    pub reason: Option<&'static str>,
+    /// Control targets in view.
+    pub targets_seen: usize,
+    /// Of these, what took part.
+    pub targets_used: usize,
+    /// Of these, gross errors.
+    pub gross_errors: usize,
+    /// Root mean square of the coordinates of residuals.
+    pub rms_px: Option<f64>,
+    /// Standard deviation of the position.
+    pub sigma_position_m: f64,
+    /// Standard deviation of the attitude.
+    pub sigma_attitude_deg: f64,
 }
 
 /// The loss of image points.
@@ -197,7 +249,45 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
 
 /// The report of a first estimate.
 pub fn report_of_initial(problem: &Problem, initial: &Initial, left_out: Vec<String>) -> Report {
-    Report { warnings: initial.warnings.clone(), ..empty(problem, left_out) }
+    let resection = resection_report(problem, initial.resection.as_ref());
+    Report { warnings: initial.warnings.clone(), resection, ..empty(problem, left_out) }
+}
+
+/// How camera poses were found.
+pub fn resection_report(problem: &Problem, resection: Option<&Resection>) -> Option<ResectionReport> {
+    let resection = resection?;
+    let quality = resection.quality();
+    let frame = |(frame, found): (&crate::problem::Frame, &crate::initialise::resection::FrameResection)| {
+        let (status, reason) = match found.status {
+            Status::Given => return None,
+            Status::Resected => ("resected", None),
+            Status::Bridged(reason) => ("bridged", Some(reason.name())),
+        };
+        let [sigma_position_m, sigma_attitude_rad] = found.largest_sigmas();
+        Some(FrameResectionReport {
+            frame: frame.number,
+            status,
+            reason,
+            targets_seen: found.seen,
+            targets_used: found.used,
+            gross_errors: found.gross,
+            rms_px: found.rms_px,
+            sigma_position_m,
+            sigma_attitude_deg: sigma_attitude_rad.to_degrees(),
+        })
+    };
+    Some(ResectionReport {
+        given: quality.given,
+        resected: quality.resected,
+        bridged: quality.bridged,
+        gross_errors: quality.gross_errors,
+        spread: resection.spread,
+        median_targets_used: quality.median_used,
+        median_rms_px: quality.median_rms_px,
+        median_sigma_position_m: quality.median_sigma_position_m,
+        median_sigma_attitude_deg: quality.median_sigma_attitude_rad.to_degrees(),
+        frames: problem.frames.iter().zip(&resection.frames).filter_map(frame).collect(),
+    })
 }
 
 fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
@@ -220,6 +310,7 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         outliers: 0,
         behind_camera: 0,
         not_used: 0,
+        resection: None,
         loss: None,
         motion: Vec::new(),
         check_points: Vec::new(),

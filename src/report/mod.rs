@@ -6,7 +6,7 @@ mod json;
 mod rounding;
 mod tables;
 
-pub use json::{Report, report_of_adjustment, report_of_initial};
+pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
 pub use tables::result_tables;
 
 use crate::estimate::Estimate;

@@ -15,6 +15,8 @@ pub struct Drive {
     pub points: usize,
     pub vehicles: usize,
     pub targets: usize,
+    /// Where each target is; anywhere below the camera without.
+    pub target_place: Option<fn(usize) -> [f64; 3]>,
     /// Of these targets so many are check points.
     pub check: usize,
     /// Noise of image points, of vehicles and of targets \[px\].
@@ -43,6 +45,7 @@ impl Default for Drive {
             points: 40,
             vehicles: 1,
             targets: 12,
+            target_place: None,
             check: 0,
             noise_px: [1.0, 1.0],
             gross: (0.0, [0.0, 0.0]),
@@ -114,11 +117,12 @@ impl Drive {
         let mut targets = "target,x,y,z,sigma_x,sigma_y,sigma_z,role\n".to_owned();
         let mut target_points = "frame,target,u,v\n".to_owned();
         for target in 0..self.targets {
-            let place = Point3::new(
+            let anywhere = Point3::new(
                 rng.random_range(-30.0..30.0),
                 rng.random_range(-18.0..18.0),
                 rng.random_range(0.0..0.5),
             );
+            let place = self.target_place.map_or(anywhere, |place| Point3::from(place(target)));
             let role = if target < self.check { "check" } else { "control" };
             writeln!(targets, "T{target:02},{},{},{},0.01,0.01,0.01,{role}", place.x, place.y, place.z)
                 .unwrap();
