@@ -195,7 +195,10 @@ fn all_findings_of_all_files_come_at_once() {
 fn what_is_not_computed_yet_is_refused_by_name() {
     let grid = "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n0 0\n0 0\n";
     let no_cameras = |problem: &Path| std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
-    let no_vehicles = |problem: &Path| std::fs::remove_file(problem.join("vehicle_poses.csv")).unwrap();
+    let no_vehicles = |problem: &Path| {
+        std::fs::remove_file(problem.join("vehicle_poses.csv")).unwrap();
+        apply(&Replace("[terrain]\nplane_z = 0.0\n", ""), &problem.join("problem.toml"));
+    };
     let settings = |from: &'static str, to: &'static str| {
         move |problem: &Path| apply(&Replace(from, to), &problem.join("problem.toml"))
     };
@@ -211,7 +214,7 @@ fn what_is_not_computed_yet_is_refused_by_name() {
     type Change = Box<dyn Fn(&Path)>;
     let cases: [(&str, Change); 7] = [
         ("spatial resection", Box::new(no_cameras)),
-        ("ray-terrain intersection", Box::new(no_vehicles)),
+        ("no terrain to find them on", Box::new(no_vehicles)),
         ("fisheye", Box::new(settings("width = 3840", "model = \"fisheye\"\nwidth = 3840"))),
         ("rolling shutter", Box::new(settings("width = 3840", "readout_s = 0.02\nwidth = 3840"))),
         ("self-calibration", Box::new(settings("[noise]", "[camera.refine]\nfx = \"free\"\n[noise]"))),

@@ -62,9 +62,9 @@ impl Checked<'_> {
         if without_pose > 0 {
             not_supported.push(format!("spatial resection ({without_pose} frames have no camera pose)"));
         }
-        if !self.has_vehicle_poses {
+        if !self.has_vehicle_poses && self.settings.ground.is_none() {
             not_supported.push(
-                "vehicle poses from ray-terrain intersection (there is no vehicle_poses.csv)".to_owned(),
+                "vehicle poses (there is no vehicle_poses.csv, and no terrain to find them on)".to_owned(),
             );
         }
         if self.has_gnss {

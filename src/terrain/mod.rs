@@ -1,6 +1,6 @@
 //! The ground: heights and slopes.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 
 /// A terrain model in the frame of the world, z up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,6 +11,11 @@ pub enum Terrain {
         z_m: f64,
     },
 }
+
+/// A ray does not meet the terrain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the ray does not meet the terrain")]
+pub struct MissedTerrain;
 
 /// The ground below a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +31,25 @@ impl Terrain {
     pub fn at(&self, _x_m: f64, _y_m: f64) -> Ground {
         match self {
             Terrain::Plane { z_m } => Ground { height_m: *z_m, slope: Vector2::zeros() },
+        }
+    }
+
+    /// Where the ray from `origin` along `direction` first meets the terrain raised by `raised_m`.
+    pub fn intersect(
+        &self,
+        origin: &Point3<f64>,
+        direction: &Vector3<f64>,
+        raised_m: f64,
+    ) -> Result<Point3<f64>, MissedTerrain> {
+        match self {
+            Terrain::Plane { z_m } => {
+                let along = (z_m + raised_m - origin.z) / direction.z;
+                if along.is_finite() && along >= 0.0 {
+                    Ok(origin + along * direction)
+                } else {
+                    Err(MissedTerrain)
+                }
+            }
         }
     }
 }
@@ -46,6 +70,16 @@ mod tests {
         let ground = Terrain::Plane { z_m: 3.5 }.at(100.0, -20.0);
         assert_eq!(ground.height_m, 3.5);
         assert_eq!(ground.normal(), Vector3::z());
+    }
+
+    #[test]
+    fn a_ray_meets_the_raised_plane_or_misses_it() {
+        let terrain = Terrain::Plane { z_m: 3.0 };
+        let met = terrain.intersect(&Point3::new(1.0, 2.0, 13.0), &Vector3::new(0.5, 0.0, -1.0), 2.0);
+        assert_eq!(met, Ok(Point3::new(5.0, 2.0, 5.0)));
+        for away in [Vector3::z(), Vector3::x()] {
+            assert_eq!(terrain.intersect(&Point3::new(1.0, 2.0, 13.0), &away, 2.0), Err(MissedTerrain));
+        }
     }
 
     #[test]
