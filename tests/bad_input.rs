@@ -119,7 +119,6 @@ const DAMAGES: &[(&str, Damage, &[&str])] = &[
         Whole(b"frame,vehicle,point,u,v\n0,car0,\xff,1,2\n"),
         &["vehicle_observations.csv:2", "UTF-8"],
     ),
-    ("vehicle_poses.csv", Without(3), &["vehicle_poses.csv: expected a pose of car0 in frame 1"]),
     ("vehicle_poses.csv", Twice(3), &["vehicle_poses.csv:4: column vehicle"]),
     ("vehicle_poses.csv", Cell(2, 8, "1e3"), &["vehicle_poses.csv:2: column qw,qx,qy,qz"]),
     ("vehicle_points.csv", Cell(2, 1, "ghost"), &["vehicle_points.csv:2: column point", "\"ghost\""]),
@@ -189,6 +188,29 @@ fn all_findings_of_all_files_come_at_once() {
         assert!(errors.contains(wanted), "{wanted} is not in\n{errors}");
     }
     assert!(errors.contains("findings; nothing was computed or written"));
+}
+
+#[test]
+fn a_pose_that_is_missing_is_found_on_the_terrain_and_invalid_without_one() {
+    for has_terrain in [true, false] {
+        let place = tempfile::tempdir().unwrap();
+        let problem = place.path().join("problem");
+        whole(&problem);
+        apply(&Without(3), &problem.join("vehicle_poses.csv"));
+        if !has_terrain {
+            apply(&Replace("[terrain]\nplane_z = 0.0\n", ""), &problem.join("problem.toml"));
+        }
+        let output = program().arg("check").arg(&problem).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(if has_terrain { 0 } else { 3 }), "{said}");
+        let wanted = match has_terrain {
+            true => {
+                "vehicle_poses.csv: poses that are missing where a vehicle is seen, and are found on the terrain: 1"
+            }
+            false => "vehicle_poses.csv: expected a pose of car0 in frame 1",
+        };
+        assert!(said.contains(wanted), "{said}");
+    }
 }
 
 #[test]

@@ -290,3 +290,28 @@ fn settle_signs(pattern: &Pattern, found: &mut [Option<(PlanePose, Heading)>]) {
         found[part] = Some((body, Heading::LongAxis));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scatter_is_that_of_the_noise_and_not_of_the_path() {
+        let noise = |at: usize| ((12.9898 * at as f64).sin() * 43_758.545_3).rem_euclid(1.0) - 0.5;
+        let found = scatter((0..3000).map(|at| 0.2 * at as f64 + 1e-5 * (at * at) as f64 + noise(at)));
+        // Uniform noise has the standard deviation 1 / sqrt(12).
+        assert!((found * 12_f64.sqrt() - 1.0).abs() < 0.15, "{found}");
+        assert_eq!(scatter([1.0, 2.0]), 0.0);
+        assert!(scatter((0..100).map(|at| 0.3 * f64::from(at))) < 1e-12);
+    }
+
+    #[test]
+    fn the_direction_is_that_of_the_larger_distance() {
+        let step = |angle: f64, length: f64| (length * Vector2::new(angle.cos(), angle.sin()), 0.0);
+        for angle in [0.3_f64, 1.7, -2.9] {
+            let steps = [step(angle + 0.02, 3.0), step(angle - 0.02, 3.0), step(angle, -2.0)];
+            assert!((nearest_direction(&steps) - angle).sin().abs() < 0.02);
+            assert!((nearest_direction(&steps) - angle).cos() > 0.0);
+        }
+    }
+}

@@ -94,3 +94,70 @@ pub fn feet(
     };
     observations.iter().filter_map(foot).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Lens;
+    use crate::geometry::{pose, rotation::exp};
+    use nalgebra::UnitQuaternion;
+
+    /// A plane that slopes.
+    struct Slope(Vector2<f64>);
+
+    impl Surface for Slope {
+        fn ground(&self, x_m: f64, y_m: f64) -> Option<Ground> {
+            Some(Ground { height_m: self.0.dot(&Vector2::new(x_m, y_m)), slope: self.0 })
+        }
+
+        fn meet(&self, origin: &Point3<f64>, direction: &Vector3<f64>, raised_m: f64) -> Option<Point3<f64>> {
+            let descent = direction.z - self.0.dot(&direction.xy());
+            let along = (self.0.dot(&origin.coords.xy()) + raised_m - origin.z) / descent;
+            (along > 0.0).then(|| origin + along * direction)
+        }
+    }
+
+    fn camera() -> Camera {
+        Camera {
+            size_px: [3840, 2160],
+            focal_px: Vector2::new(2680.0, 2680.0),
+            principal_px: Vector2::new(1920.0, 1080.0),
+            lens: Lens::Pinhole,
+        }
+    }
+
+    /// A camera that looks down obliquely, and the image point of a place.
+    fn seen(place: &Point3<f64>) -> (Pose, VehicleObservation) {
+        let mut world_from_camera = pose([3.0, -2.0, 60.0], [0.0, 1.0, 0.0, 0.0]);
+        world_from_camera.rotation *= exp(&Vector3::new(0.3, -0.2, 0.4));
+        let image_px = camera().project(&world_from_camera.inverse_transform_point(place).coords).unwrap();
+        (world_from_camera, VehicleObservation { frame: 0, point: 0, image_px, sigma_px: 1.0 })
+    }
+
+    #[test]
+    fn a_foot_lies_under_its_point_on_sloping_ground() {
+        let slope = Slope(Vector2::new(0.05, -0.03));
+        let normal = slope.ground(0.0, 0.0).unwrap().normal();
+        let foot = Vector2::new(-7.0, 11.0);
+        let on_ground = foot.push(slope.ground(foot.x, foot.y).unwrap().height_m);
+        let (camera_pose, observation) = seen(&Point3::from(on_ground + 1.4 * normal));
+        let at = |height: f64| feet(&[observation], &camera(), &[camera_pose], &[height], &slope)[0];
+        // The height above the ground is counted along the normal here and along z there: 0.2 %.
+        assert!((at(1.4).place_m - foot).norm() < 3e-3, "{}", at(1.4).place_m - foot);
+        let by_difference = (at(1.5).place_m - at(1.3).place_m) / 0.2;
+        assert!((by_difference - at(1.4).by_height).norm() < 1e-9);
+        let nearer = 1.0 - 0.1 / at(1.4).clearance_m;
+        assert!((at(1.5).sigma_m / at(1.4).sigma_m - nearer).abs() < 1e-4);
+    }
+
+    #[test]
+    fn rays_that_do_not_descend_have_no_foot() {
+        let (_, observation) = seen(&Point3::origin());
+        let sideways = Pose::from_parts(
+            Vector3::new(0.0, 0.0, 60.0).into(),
+            UnitQuaternion::from_scaled_axis(Vector3::x() * 1.6),
+        );
+        let level = Slope(Vector2::zeros());
+        assert!(feet(&[observation], &camera(), &[sideways], &[0.8], &level).is_empty());
+    }
+}

@@ -259,3 +259,104 @@ fn excesses<const D: usize>(times_s: &[f64], values: &[[f64; D]], limits: &Limit
     found.sort_by(|a, b| a.time_s[0].total_cmp(&b.time_s[0]).then(a.bound.cmp(&b.bound)));
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+
+    const LIMITS: Limits = Limits { rate: 60.0, acceleration: Some(12.0), scatter: 1.5 };
+
+    fn times(count: usize) -> Vec<f64> {
+        // Not quite regular.
+        (0..count).map(|f| (f as f64 + 0.2 * (1.7 * f as f64).sin()) / 30.0).collect()
+    }
+
+    fn along(times: &[f64], x: impl Fn(f64) -> f64, noise: f64) -> Vec<Option<Datum<2>>> {
+        let one = |(at, t): (usize, &f64)| {
+            let (a, b) = ((5.3 * at as f64).sin(), (3.1 * at as f64).cos());
+            Some(([x(*t) + noise * a, 100.0 - 2.0 * t + noise * b], 0.02))
+        };
+        times.iter().enumerate().map(one).collect()
+    }
+
+    /// Where no bound and no loss bends it, the program is linear least squares.
+    #[test]
+    fn it_is_the_smoothing_of_least_squares_where_nothing_binds() {
+        let times = times(40);
+        let data = along(&times, |t| 3.0 * t + t * t, 0.01);
+        let found = fit(&times, &data, &LIMITS).unwrap();
+        assert!(found.excesses.is_empty());
+        let count = times.len();
+        let mut normal = DMatrix::<f64>::identity(count, count) / 0.02_f64.powi(2);
+        for at in 0..count - 2 {
+            let (before, after) = (times[at + 1] - times[at], times[at + 2] - times[at + 1]);
+            let h = (before + after) / 2.0;
+            let row = [1.0 / before / h, (-1.0 / before - 1.0 / after) / h, 1.0 / after / h];
+            for i in 0..3 {
+                for j in 0..3 {
+                    normal[(at + i, at + j)] += h * row[i] * row[j] / LIMITS.scatter.powi(2);
+                }
+            }
+        }
+        let cholesky = normal.cholesky().unwrap();
+        for axis in 0..2 {
+            let right = data.iter().flatten().map(|(value, _)| value[axis] / 0.02_f64.powi(2));
+            let wanted = cholesky.solve(&DVector::from_iterator(count, right));
+            for (found, wanted) in found.values.iter().zip(wanted.iter()) {
+                assert!((found[axis] - wanted).abs() < 1e-6, "{} {wanted}", found[axis]);
+            }
+        }
+    }
+
+    #[test]
+    fn single_outliers_are_overruled_and_gaps_are_filled() {
+        let times = times(120);
+        let mut data = along(&times, |t| 8.0 * t, 0.005);
+        for at in [20, 21, 70] {
+            data[at].as_mut().unwrap().0[0] += 15.0;
+        }
+        data[85..110].iter_mut().for_each(|datum| *datum = None);
+        let found = fit(&times, &data, &LIMITS).unwrap();
+        assert!(found.excesses.is_empty(), "{:?}", found.excesses);
+        for (time, value) in times.iter().zip(&found.values) {
+            assert!((value[0] - 8.0 * time).abs() < 0.05, "{time}: {}", value[0] - 8.0 * time);
+        }
+    }
+
+    #[test]
+    fn a_bound_that_most_data_of_a_time_contradict_gives_way_and_is_named() {
+        let times = times(150);
+        let x = |t: f64| 20.0 * t + 60.0 * (t - 2.0).clamp(0.0, 1.5);
+        let limits = Limits { acceleration: None, ..LIMITS };
+        let found = fit(&times, &along(&times, x, 0.005), &limits).unwrap();
+        let [Excess { bound: Bound::Rate, time_s: [from, to], reached }] = found.excesses[..] else {
+            panic!("{:?}", found.excesses)
+        };
+        assert!((from - 2.0).abs() < 0.2 && (to - 3.5).abs() < 0.2, "{from} {to}");
+        assert!((reached - 80.0).abs() < 3.0, "{reached}");
+    }
+
+    #[test]
+    fn a_bound_holds_where_few_data_contradict_it() {
+        let times = times(90);
+        let x = |t: f64| 5.0 * t + if t > 1.5 { 0.4 } else { 0.0 };
+        let limits = Limits { rate: 8.0, acceleration: None, ..LIMITS };
+        let found = fit(&times, &along(&times, x, 0.0), &limits).unwrap();
+        for (pair, time) in found.values.windows(2).zip(times.windows(2)) {
+            let speed = (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]) / (time[1] - time[0]);
+            assert!(speed < 8.0 * (1.0 + HELD), "{speed}");
+        }
+    }
+
+    #[test]
+    fn short_sequences_have_an_answer() {
+        let datum = Some(([1.0, 2.0], 0.1));
+        let fit = |times: &[f64], data: &[Option<Datum<2>>]| fit(times, data, &LIMITS);
+        assert_eq!(fit(&[0.0], &[datum]).unwrap().values, [[1.0, 2.0]]);
+        assert_eq!(fit(&[0.0, 1.0, 2.0], &[None, datum, None]).unwrap().values, [[1.0, 2.0]; 3]);
+        assert_eq!(fit(&[0.0, 1.0], &[None, None]), Err(NoMotion::NoData));
+        let two = fit(&[0.0, 1.0], &[datum, Some(([3.0, 2.0], 0.1))]).unwrap();
+        assert!((two.values[1][0] - 3.0).abs() < 1e-3);
+    }
+}

@@ -433,3 +433,86 @@ fn spread(squares: &[Option<f64>]) -> f64 {
     let median = *squares.select_nth_unstable_by(middle, f64::total_cmp).1;
     (0.5 * median / 2_f64.ln()).sqrt().clamp(0.5, 100.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const START_M: f64 = 0.8;
+
+    fn height(point: usize) -> f64 {
+        1.0 + 0.5 * (1.3 * point as f64).sin()
+    }
+
+    /// A chain that is a little wrong, and feet of twenty points of a body that drives a bend by a camera
+    /// 60 m up, found for a height of 0.8 m.
+    fn example(noise_m: f64) -> (Chain, Vec<Foot>) {
+        let (frames, points) = (80, 20);
+        let at = |point: usize| Vector2::new(2.0 * (2.4 * point as f64).cos(), (3.7 * point as f64).sin());
+        let (mut feet, mut poses) = (Vec::new(), Vec::new());
+        for frame in 0..frames {
+            let place_m = Vector2::new(0.5 * frame as f64 - 20.0, 10.0 + 0.004 * (frame * frame) as f64);
+            let pose = PlanePose { place_m, heading_rad: 0.02 * frame as f64 };
+            for point in 0..points {
+                let foot_m = pose.place(&at(point));
+                let by_height = foot_m / 60.0;
+                let key = (frame * points + point) as f64;
+                // Two numbers that look like noise, between -1 and 1.
+                let noise = |factor: f64| 2.0 * ((factor * key).sin() * 43_758.545_3).rem_euclid(1.0) - 1.0;
+                let off = noise_m * Vector2::new(noise(12.9898), noise(78.233));
+                let place_m = foot_m - by_height * (height(point) - START_M) + off;
+                feet.push(Foot { frame, point, place_m, by_height, sigma_m: 0.03, clearance_m: 60.0 });
+            }
+            let (wrong_m, wrong) = (0.1 * (0.3 * frame as f64).sin(), 0.02 * (0.2 * frame as f64).cos());
+            let place_m = place_m + Vector2::new(wrong_m, -wrong_m);
+            poses.push(Some(PlanePose { place_m, heading_rad: pose.heading_rad + wrong }));
+        }
+        let pattern = (0..points).map(|point| Some(at(point) + Vector2::new(0.05, -0.03))).collect();
+        (Chain { poses, part: vec![0; frames], patterns: vec![pattern] }, feet)
+    }
+
+    fn adjusted(noise_m: f64) -> Pattern {
+        let (chain, feet) = example(noise_m);
+        let mut known = vec![None; 20];
+        known[3] = Some(KnownHeight { value_m: height(3), sigma_m: 0.02 });
+        let mut pattern = Pattern::new(&chain, &[START_M; 20], &known, START_M);
+        pattern.adjust(&feet, &[START_M; 20], 1.2);
+        pattern
+    }
+
+    #[test]
+    fn heights_come_back_from_views_that_turn() {
+        let pattern = adjusted(0.0);
+        for point in 0..20 {
+            let (found, _) = pattern.point(0, point).unwrap();
+            // What is believed of the scatter of heights draws a little.
+            assert!((found.z - height(point)).abs() < 0.03, "{point}: {} {}", found.z, height(point));
+        }
+        assert_eq!(pattern.highest_point(), (0..20).max_by(|a, b| height(*a).total_cmp(&height(*b))));
+    }
+
+    /// A smaller pattern has smaller residuals: without the divisor all points but the known one rise.
+    #[test]
+    fn noise_does_not_lift_the_body() {
+        let pattern = adjusted(0.3);
+        let off: f64 = (0..20).map(|p| pattern.point(0, p).unwrap().0.z - height(p)).sum::<f64>() / 20.0;
+        assert!(off.abs() < 0.15, "{off}");
+    }
+
+    #[test]
+    fn gross_feet_do_not_count() {
+        let (chain, mut feet) = example(0.02);
+        for foot in feet.iter_mut().filter(|foot| (foot.frame * 7 + foot.point * 3) % 10 < 3) {
+            foot.place_m += Vector2::new(1.5, -0.8);
+        }
+        let mut known = vec![None; 20];
+        known[3] = Some(KnownHeight { value_m: height(3), sigma_m: 0.02 });
+        let mut pattern = Pattern::new(&chain, &[START_M; 20], &known, START_M);
+        pattern.adjust(&feet, &[START_M; 20], 2.0);
+        for point in 0..20 {
+            let (found, [seen, agree]) = pattern.point(0, point).unwrap();
+            assert!((found.z - height(point)).abs() < 0.15, "{point}: {}", found.z - height(point));
+            assert_eq!((seen, agree), (80, 56));
+        }
+    }
+}

@@ -188,7 +188,11 @@ fn go_back(found: &mut Chain, feet: &[Foot], part: usize, members: &mut [Member]
     for feet in feet.chunk_by(|a, b| a.frame == b.frame).rev() {
         let frame = feet[0].frame;
         let pose = match found.poses[frame] {
-            Some(pose) if found.part[frame] == part => Some(pose),
+            Some(pose) if found.part[frame] == part => {
+                let pairs = pairs(feet, members, slack_m).0;
+                let again = fit_frame(&pairs, predict(&before, frame).or(Some(pose)), frame as u64);
+                Some(again.filter(|again| score(&pairs, again) > score(&pairs, &pose)).unwrap_or(pose))
+            }
             Some(_) if !smaller[found.part[frame]] => None,
             _ if before.is_empty() || failures > 3 * PATIENCE => None,
             _ => {
@@ -401,5 +405,101 @@ impl SplitMix {
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         ((z ^ (z >> 31)) % limit as u64) as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pose(x: f64, y: f64, heading_rad: f64) -> PlanePose {
+        PlanePose { place_m: Vector2::new(x, y), heading_rad }
+    }
+
+    /// Feet of twelve points of a body that drives a bend; some never move along.
+    fn drive(frames: usize, stay: usize) -> (Vec<Foot>, Vec<PlanePose>) {
+        let poses: Vec<PlanePose> = (0..frames)
+            .map(|f| pose(0.3 * f as f64, 0.002 * (f * f) as f64, 0.01 * f as f64 - 4.0))
+            .collect();
+        let mut feet = Vec::new();
+        for frame in 0..frames {
+            for point in 0..12 {
+                let angle = 2.4 * point as f64;
+                let at = Vector2::new(2.0 * angle.cos(), angle.sin());
+                let noise =
+                    Vector2::new((7.0 * (frame * 12 + point) as f64).sin(), (angle + frame as f64).cos());
+                let from = if point < stay { &poses[0] } else { &poses[frame] };
+                let place_m = from.place(&at) + 0.01 * noise;
+                let by_height = Vector2::zeros();
+                feet.push(Foot { frame, point, place_m, by_height, sigma_m: 0.02, clearance_m: 60.0 });
+            }
+        }
+        (feet, poses)
+    }
+
+    /// Largest turn between frames that is wrong \[rad\].
+    fn worst_turn(found: &Chain, truth: &[PlanePose]) -> f64 {
+        let first = found.poses[0].unwrap().heading_rad - truth[0].heading_rad;
+        let off = |(found, truth): (&Option<PlanePose>, &PlanePose)| {
+            (found.unwrap().heading_rad - truth.heading_rad - first).abs()
+        };
+        found.poses.iter().zip(truth).map(off).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_pose_and_its_inverse_undo_each_other() {
+        let (a, b) = (pose(3.0, -1.0, 0.7), pose(-0.4, 2.0, 2.9));
+        let back = a.inverse().after(&a.after(&b));
+        assert!(
+            (back.place_m - b.place_m).norm() < 1e-12 && (back.heading_rad - b.heading_rad).abs() < 1e-12
+        );
+        let at = Vector2::new(0.3, 0.8);
+        assert!((a.after(&b).place(&at) - a.place(&b.place(&at))).norm() < 1e-12);
+        assert!((a.pattern(&a.place(&at)) - at).norm() < 1e-12);
+    }
+
+    #[test]
+    fn the_larger_set_that_moves_together_wins() {
+        for stay in [0, 5] {
+            let (feet, truth) = drive(120, stay);
+            let found = chain(&feet, 120, 12, 0.02);
+            assert!(worst_turn(&found, &truth) < 0.03, "{stay}: {}", worst_turn(&found, &truth));
+        }
+    }
+
+    #[test]
+    fn parts_without_common_points_stay_apart_and_others_are_joined() {
+        let (feet, truth) = drive(100, 0);
+        let visible = |foot: &Foot, both: usize| match foot.frame {
+            0..40 => foot.point < 6 + both,
+            40..60 => false,
+            _ => foot.point >= 6,
+        };
+        let run = |both: usize| {
+            let feet: Vec<Foot> = feet.iter().filter(|foot| visible(foot, both)).copied().collect();
+            chain(&feet, 100, 12, 0.02)
+        };
+        let apart = run(0);
+        assert_ne!(apart.part[39], apart.part[60]);
+        assert_eq!(apart.poses[50], None);
+        let joined = run(4);
+        assert_eq!(joined.part[39], joined.part[60]);
+        let turn = joined.poses[60].unwrap().heading_rad - joined.poses[39].unwrap().heading_rad;
+        assert!((turn - truth[60].heading_rad + truth[39].heading_rad).abs() < 0.03);
+    }
+
+    #[test]
+    fn a_pattern_that_began_badly_is_known_by_its_end() {
+        let (mut feet, truth) = drive(80, 0);
+        for foot in feet.iter_mut().filter(|foot| foot.frame < 15 && foot.point % 3 != 0) {
+            let angle = (foot.frame * 31 + foot.point * 17) as f64;
+            foot.place_m += 3.0 * Vector2::new(angle.cos(), (1.7 * angle).sin());
+        }
+        let found = chain(&feet, 80, 12, 0.02);
+        let good = (0..80).filter(|f| found.part[*f] == found.part[79] && found.poses[*f].is_some());
+        let offset = found.poses[79].unwrap().heading_rad - truth[79].heading_rad;
+        let off =
+            |f: &usize| (found.poses[*f].unwrap().heading_rad - truth[*f].heading_rad - offset).abs() < 0.05;
+        assert!(good.clone().count() > 75 && good.clone().all(|f| off(&f)), "{}", good.count());
     }
 }
