@@ -113,7 +113,7 @@ mod tests {
         fn meet(&self, origin: &Point3<f64>, direction: &Vector3<f64>, raised_m: f64) -> Option<Point3<f64>> {
             let descent = direction.z - self.0.dot(&direction.xy());
             let along = (self.0.dot(&origin.coords.xy()) + raised_m - origin.z) / descent;
-            (along > 0.0).then(|| origin + along * direction)
+            Some(origin + along * direction)
         }
     }
 

@@ -341,12 +341,25 @@ mod tests {
     fn a_bound_holds_where_few_data_contradict_it() {
         let times = times(90);
         let x = |t: f64| 5.0 * t + if t > 1.5 { 0.4 } else { 0.0 };
-        let limits = Limits { rate: 8.0, acceleration: None, ..LIMITS };
+        let limits = Limits { rate: 8.0, acceleration: None, scatter: 1000.0 };
         let found = fit(&times, &along(&times, x, 0.0), &limits).unwrap();
         for (pair, time) in found.values.windows(2).zip(times.windows(2)) {
             let speed = (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]) / (time[1] - time[0]);
             assert!(speed < 8.0 * (1.0 + HELD), "{speed}");
         }
+    }
+
+    #[test]
+    fn an_acceleration_that_most_data_demand_is_named() {
+        let times = times(150);
+        let x = |t: f64| {
+            let s = (t - 2.0).clamp(0.0, 1.0);
+            12.5 * s * s + 25.0 * s.min(1.0) * (t - 3.0).max(0.0)
+        };
+        let found = fit(&times, &along(&times, x, 0.005), &LIMITS).unwrap();
+        assert!(found.excesses.iter().all(|e| e.bound == Bound::Acceleration), "{:?}", found.excesses);
+        let [from, to] = [found.excesses[0].time_s[0], found.excesses[found.excesses.len() - 1].time_s[1]];
+        assert!(from > 1.8 && to < 3.2 && to - from > 0.5, "{:?}", found.excesses);
     }
 
     #[test]
