@@ -128,7 +128,6 @@ const DAMAGES: &[(&str, Damage, &[&str])] = &[
         Whole(b"frame,vehicle,point,u,v\n0,car0,\xff,1,2\n"),
         &["vehicle_observations.csv:2", "UTF-8"],
     ),
-    ("vehicle_poses.csv", Without(3), &["vehicle_poses.csv: expected a pose of car0 in frame 1"]),
     ("vehicle_poses.csv", Twice(3), &["vehicle_poses.csv:4: column vehicle"]),
     ("vehicle_poses.csv", Cell(2, 8, "1e3"), &["vehicle_poses.csv:2: column qw,qx,qy,qz"]),
     ("vehicle_points.csv", Cell(2, 1, "ghost"), &["vehicle_points.csv:2: column point", "\"ghost\""]),
@@ -265,8 +264,34 @@ fn all_findings_of_all_files_come_at_once() {
 }
 
 #[test]
+fn a_pose_that_is_missing_is_found_on_the_terrain_and_invalid_without_one() {
+    for has_terrain in [true, false] {
+        let place = tempfile::tempdir().unwrap();
+        let problem = place.path().join("problem");
+        whole(&problem);
+        apply(&Without(3), &problem.join("vehicle_poses.csv"));
+        if !has_terrain {
+            apply(&Replace("[terrain]\nplane_z = 0.0\n", ""), &problem.join("problem.toml"));
+        }
+        let output = program().arg("check").arg(&problem).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(if has_terrain { 0 } else { 3 }), "{said}");
+        let wanted = match has_terrain {
+            true => {
+                "vehicle_poses.csv: poses that are missing where a vehicle is seen, and are found on the terrain: 1"
+            }
+            false => "vehicle_poses.csv: expected a pose of car0 in frame 1",
+        };
+        assert!(said.contains(wanted), "{said}");
+    }
+}
+
+#[test]
 fn what_is_not_computed_yet_is_refused_by_name() {
-    let no_vehicles = |problem: &Path| std::fs::remove_file(problem.join("vehicle_poses.csv")).unwrap();
+    let no_vehicles = |problem: &Path| {
+        std::fs::remove_file(problem.join("vehicle_poses.csv")).unwrap();
+        apply(&Replace("[terrain]\nplane_z = 0.0\n", ""), &problem.join("problem.toml"));
+    };
     let settings = |from: &'static str, to: &'static str| {
         move |problem: &Path| apply(&Replace(from, to), &problem.join("problem.toml"))
     };
@@ -277,7 +302,7 @@ fn what_is_not_computed_yet_is_refused_by_name() {
     };
     type Change = Box<dyn Fn(&Path)>;
     let cases: [(&str, Change); 4] = [
-        ("ray-terrain intersection", Box::new(no_vehicles)),
+        ("no terrain to find them on", Box::new(no_vehicles)),
         ("rolling shutter", Box::new(settings("width = 3840", "readout_s = 0.02\nwidth = 3840"))),
         ("self-calibration", Box::new(settings("[noise]", "[camera.refine]\nfx = \"free\"\n[noise]"))),
         ("GNSS positions as observations", Box::new(with_gnss)),

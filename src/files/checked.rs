@@ -60,9 +60,9 @@ impl Checked<'_> {
         let poses = self.camera_poses.len();
         let inventory = Inventory::new(name, camera.size_px, &self.frames, poses, &vehicles, targets);
         let mut not_supported = self.settings.not_supported.clone();
-        if !self.has_vehicle_poses {
+        if !self.has_vehicle_poses && self.settings.ground.is_none() {
             not_supported.push(
-                "vehicle poses from ray-terrain intersection (there is no vehicle_poses.csv)".to_owned(),
+                "vehicle poses (there is no vehicle_poses.csv, and no terrain to find them on)".to_owned(),
             );
         }
         if self.has_gnss {

@@ -398,8 +398,16 @@ impl Reader<'_> {
                 missing.insert((row.vehicle.as_str(), row.frame));
             }
         }
+        let has_ground = tables.settings.as_ref().is_none_or(|settings| settings.ground.is_some());
+        if has_ground && !missing.is_empty() {
+            self.findings.warn(format!(
+                "{VEHICLE_POSES}: poses that are missing where a vehicle is seen, and are found on the terrain: {}",
+                missing.len()
+            ));
+            return poses;
+        }
         for (vehicle, frame) in missing {
-            let wanted = format!("a pose of {vehicle} in frame {frame}, where it is seen");
+            let wanted = format!("a pose of {vehicle} in frame {frame}, where it is seen (or a terrain)");
             self.findings.error(Finding::of_file(VEHICLE_POSES, &wanted, "none"));
         }
         poses

@@ -1,8 +1,15 @@
-//! The first estimate: poses as they are given, cameras without one by spatial resection, shapes by
-//! direct linear transformation, static points by intersection of their rays.
+//! The first estimate: poses as they are given, cameras without one by spatial resection, vehicles
+//! without one from the ground below them, shapes by direct linear transformation, static points by
+//! intersection of their rays.
 
+mod body_axes;
 pub mod dlt;
+pub mod forward;
+pub mod found_poses;
+pub mod motion_program;
+pub mod pattern;
 pub mod resection;
+pub mod rigid_motion;
 pub mod robust_dlt;
 pub mod triangulation;
 
@@ -10,6 +17,8 @@ use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::problem::{Problem, Role, Vehicle};
 use dlt::{LinearPoint, Sighting};
+pub use found_poses::MotionBounds;
+use found_poses::{FoundPoses, NoPoses, find_poses};
 use nalgebra::Point3;
 use rayon::prelude::*;
 pub use resection::{NotResectable, Resection};
@@ -48,9 +57,19 @@ pub struct Initial {
     pub warnings: Vec<String>,
 }
 
-/// The first estimate of a problem. Cameras without a given pose are resected from control targets; the
-/// error says why no pose can be had.
+/// The first estimate of a problem, with the default bounds of motion.
 pub fn initialise(problem: &Problem, method: Method) -> Result<Initial, NotResectable> {
+    initialise_within(problem, method, &MotionBounds::default())
+}
+
+/// The first estimate of a problem. Cameras without a given pose are resected from control targets; the
+/// error says why no pose can be had. Where a vehicle has no pose in a frame in which it is seen, its
+/// poses are found ([`found_poses`]) within `bounds`.
+pub fn initialise_within(
+    problem: &Problem,
+    method: Method,
+    bounds: &MotionBounds,
+) -> Result<Initial, NotResectable> {
     let mut warnings = Vec::new();
     let (camera_poses, resection) = camera_poses(problem)?;
     if let Some(resection) = &resection {
@@ -58,9 +77,18 @@ pub fn initialise(problem: &Problem, method: Method) -> Result<Initial, NotResec
     }
     let mut robust_points = 0;
     let mut vehicles = Vec::new();
-    for vehicle in &problem.vehicles {
+    let poses: Vec<Result<FoundPoses, NoPoses>> = problem
+        .vehicles
+        .par_iter()
+        .map(|vehicle| poses_of(problem, vehicle, &camera_poses, bounds))
+        .collect();
+    for (vehicle, poses) in problem.vehicles.iter().zip(poses) {
+        let no_poses = poses.as_ref().err().map(NoPoses::to_string);
+        let poses =
+            poses.unwrap_or_else(|_| FoundPoses { poses: vehicle.poses.clone(), warnings: Vec::new() });
+        warnings.extend(poses.warnings);
         let mut estimate = VehicleEstimate {
-            poses: vehicle.poses.clone(),
+            poses: poses.poses,
             points: vec![None; vehicle.points.len()],
             open_depth: Vec::new(),
             left_out: None,
@@ -70,7 +98,7 @@ pub fn initialise(problem: &Problem, method: Method) -> Result<Initial, NotResec
         robust_points += fits.iter().flatten().filter(|fit| fit.robust).count();
         estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
         estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
-        estimate.left_out = reason_to_leave_out(problem, vehicle, &estimate);
+        estimate.left_out = no_poses.or_else(|| reason_to_leave_out(problem, vehicle, &estimate));
         warn_of_points(vehicle, &estimate, &mut warnings);
         vehicles.push(estimate);
     }
@@ -104,6 +132,20 @@ fn camera_poses(problem: &Problem) -> Result<(Vec<Pose>, Option<Resection>), Not
     Ok((resection.frames.iter().map(|frame| frame.pose).collect(), Some(resection)))
 }
 
+/// The poses of a vehicle: as they are given, or found where one is missing.
+fn poses_of(
+    problem: &Problem,
+    vehicle: &Vehicle,
+    camera_poses: &[Pose],
+    bounds: &MotionBounds,
+) -> Result<FoundPoses, NoPoses> {
+    if !vehicle.misses_poses() {
+        return Ok(FoundPoses { poses: vehicle.poses.clone(), warnings: Vec::new() });
+    }
+    let ground = problem.ground.as_ref().ok_or(NoPoses::NoTerrain)?;
+    find_poses(vehicle, &problem.frames, &problem.camera, camera_poses, &ground.terrain, bounds)
+}
+
 struct Fit {
     point: Point3<f64>,
     robust: bool,
@@ -120,7 +162,7 @@ fn shape(
     let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); vehicle.points.len()];
     for observation in &vehicle.observations {
         let Some(ray) = problem.camera.ray(&observation.image_px) else { continue };
-        let world_from_body = estimate.poses[observation.frame].expect("a pose where it is seen");
+        let Some(world_from_body) = estimate.poses[observation.frame] else { continue };
         sightings[observation.point].push(Sighting {
             camera_from_body: camera_poses[observation.frame].inverse() * world_from_body,
             ray,
@@ -187,7 +229,8 @@ pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize)
 }
 
 fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate) -> Option<String> {
-    let needed = if problem.vehicle_pose_sigma.is_exact() { 1 } else { LEAST_POINTS };
+    let is_held = problem.vehicle_pose_sigma.is_exact() && !vehicle.misses_poses();
+    let needed = if is_held { 1 } else { LEAST_POINTS };
     let several = vehicle.determinable().into_iter().filter(|d| *d).count();
     let found = estimate.points.iter().flatten().count();
     if vehicle.observations.is_empty() {

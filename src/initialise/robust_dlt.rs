@@ -67,7 +67,7 @@ pub fn solve(linear: &LinearPoint, huber: f64) -> Option<Point3<f64>> {
 
     let mut quadratic = Triplets::default();
     (0..rows).for_each(|row| quadratic.add(w(row), w(row), 1.0));
-    quadratic.rows = unknowns;
+    quadratic.set_rows(unknowns);
     let mut linear_cost = vec![0.0; unknowns];
     (0..sightings).for_each(|sighting| linear_cost[t(sighting)] = huber);
 
@@ -83,7 +83,7 @@ pub fn solve(linear: &LinearPoint, huber: f64) -> Option<Point3<f64>> {
 
 /// A sparse matrix under construction.
 #[derive(Default)]
-struct Triplets {
+pub(super) struct Triplets {
     rows: usize,
     row: Vec<usize>,
     column: Vec<usize>,
@@ -91,18 +91,26 @@ struct Triplets {
 }
 
 impl Triplets {
-    fn next_row(&mut self) -> usize {
+    /// Begins a row and returns its index.
+    pub(super) fn next_row(&mut self) -> usize {
         self.rows += 1;
         self.rows - 1
     }
 
-    fn add(&mut self, row: usize, column: usize, value: f64) {
+    /// Adds to an entry.
+    pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
         self.row.push(row);
         self.column.push(column);
         self.value.push(value);
     }
 
-    fn into_matrix(self, columns: usize) -> CscMatrix<f64> {
+    /// Sets the number of rows of a matrix that is not built row by row.
+    pub(super) fn set_rows(&mut self, rows: usize) {
+        self.rows = rows;
+    }
+
+    /// The matrix; entries that were added twice are summed.
+    pub(super) fn into_matrix(self, columns: usize) -> CscMatrix<f64> {
         CscMatrix::new_from_triplets(self.rows, columns, self.row, self.column, self.value)
     }
 }

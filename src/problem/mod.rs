@@ -109,8 +109,8 @@ pub struct Vehicle {
     pub points: Vec<ShapePoint>,
     /// Its image points, sorted by frame and point.
     pub observations: Vec<VehicleObservation>,
-    /// `world_from_vehicle` of each frame, as far as it is known beforehand. There is one for every
-    /// frame in which the vehicle is seen.
+    /// `world_from_vehicle` of each frame, as far as it is known beforehand. Where there is none for a
+    /// frame in which the vehicle is seen, it is to be found.
     pub poses: Vec<Option<Pose>>,
 }
 
@@ -158,6 +158,23 @@ impl Vehicle {
             (Some(first), Some(last)) => first.frame..last.frame + 1,
             _ => 0..0,
         }
+    }
+
+    /// Whether a frame in which the vehicle is seen has no pose.
+    pub fn misses_poses(&self) -> bool {
+        self.observations.iter().any(|o| self.poses[o.frame].is_none())
+    }
+
+    /// For each frame whether the vehicle is seen in it and has no pose.
+    pub fn frames_without_pose(&self) -> Vec<bool> {
+        let mut without = vec![false; self.poses.len()];
+        self.observations.iter().for_each(|o| without[o.frame] = self.poses[o.frame].is_none());
+        without
+    }
+
+    /// Whether no frame has a pose.
+    pub fn has_no_poses(&self) -> bool {
+        self.poses.iter().all(Option::is_none)
     }
 
     /// In how many frames each point is seen.

@@ -76,10 +76,15 @@ pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
     (treatment, warning.or_else(|| is_adrift.then(adrift)))
 }
 
-/// How the poses of a vehicle are treated.
+/// How the poses of a vehicle are treated that are given; without any, how all of them are. Poses that
+/// were found are starting values and nothing known, so that they are treated as poses without a sigma.
 pub fn of_vehicle(problem: &Problem, vehicle: &Vehicle) -> Treatment {
-    let rows = vehicle.poses.iter().flatten().count() as f64;
-    let components = problem.vehicle_pose_sigma.components();
+    let (rows, components) = if vehicle.has_no_poses() {
+        (vehicle.frames_without_pose().iter().filter(|without| **without).count(), [None; 6])
+    } else {
+        (vehicle.poses.iter().flatten().count(), problem.vehicle_pose_sigma.components())
+    };
+    let rows = rows as f64;
     let mut prior_sigma = prior_sigma(&components, &UNKNOWN_VEHICLE_POSE, rows.sqrt());
     if scale_gap(problem, vehicle).is_none() {
         prior_sigma[2] *= WEAKNESS_ALONG_RAY;
@@ -128,7 +133,7 @@ fn control_in_view(problem: &Problem) -> Vec<usize> {
 /// only; how well the scale is held is for the covariance to say.
 pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
     let sigma = problem.vehicle_pose_sigma;
-    if sigma.position_m == Some(0.0) {
+    if sigma.position_m == Some(0.0) && !vehicle.has_no_poses() {
         return None;
     }
     let knows = |axis: usize| vehicle.points.iter().filter(|p| p.known[axis].is_some()).count();

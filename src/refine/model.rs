@@ -267,6 +267,7 @@ fn add_blocks(
         targets: Vec::new(),
         bias: BlockId::default(),
     };
+    let without_pose: Vec<Vec<bool>> = problem.vehicles.iter().map(|v| v.frames_without_pose()).collect();
     for frame in 0..problem.frames.len() {
         let pose = write_pose(&current.camera_poses[frame]);
         let free = if problem.camera_poses[frame].is_some() { cameras.free } else { [true; 6] };
@@ -274,9 +275,11 @@ fn add_blocks(
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let estimate = &current.vehicles[at];
             let in_span = vehicle.span().contains(&frame) && estimate.left_out.is_none();
+            // A pose that was found is not held, however exact those are that were given.
+            let free = if without_pose[at][frame] { [true; 6] } else { vehicles[at].free };
             let block = estimate.poses[frame]
                 .filter(|_| in_span)
-                .map(|pose| builder.add_block(Manifold::Pose, &write_pose(&pose), &vehicles[at].free));
+                .map(|pose| builder.add_block(Manifold::Pose, &write_pose(&pose), &free));
             blocks.vehicles[at].poses.push(block);
         }
     }
@@ -495,9 +498,13 @@ fn add_starting_poses(
     // Takes no part in the statistics.
     builder.add_group("pose of a camera that nothing holds", Loss::Squared, of_lost.collect());
     let mut of_vehicles = Vec::new();
-    for ((vehicle, blocks), treatment) in problem.vehicles.iter().zip(&blocks.vehicles).zip(*vehicles) {
-        let cameras = &start.camera_poses;
-        for ((block, start), camera) in blocks.poses.iter().zip(&vehicle.poses).zip(cameras) {
+    for (at, (blocks, treatment)) in blocks.vehicles.iter().zip(*vehicles).enumerate() {
+        let (vehicle, cameras) = (&problem.vehicles[at], &start.camera_poses);
+        // Where no pose is given, those that were found say where in the body its origin is, no more.
+        let found = start.vehicles[at].poses.iter().zip(vehicle.frames_without_pose());
+        let found: Vec<_> = found.map(|(pose, without)| pose.filter(|_| without)).collect();
+        let starts = if vehicle.has_no_poses() { &found } else { &vehicle.poses };
+        for ((block, start), camera) in blocks.poses.iter().zip(starts).zip(cameras) {
             if let (Some(block), Some(start)) = (*block, *start) {
                 let residual = PosePrior { start, axes: datum::ray_axes(camera, &start) };
                 of_vehicles.push(Measurement { residual, blocks: [block], sigma: treatment.prior_sigma });

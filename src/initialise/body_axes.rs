@@ -1,0 +1,317 @@
+//! Where in a pattern the body's origin lies, and which way it looks.
+//!
+//! A car's rear axle moves along the body's x axis. With the motion of the pattern's middle seen from
+//! the pattern, `v`, over a step in which it turns by `w`, there are a direction `e`, the normal `n` to its
+//! left, and a place `l` of the axle on it for which
+//!
+//! ```text
+//! n . v + l w = 0
+//! ```
+//!
+//! in all steps. Both are found by re-weighted least squares; `l` is drawn to where cars have their
+//! axle, because in a steady turn the two cannot be told apart. The sign is that of the larger distance
+//! travelled. A body that hardly moves has the long axis of its pattern, whose sign is a guess.
+
+use super::pattern::Pattern;
+use super::rigid_motion::PlanePose;
+use crate::problem::ShapePoint;
+use nalgebra::{Matrix2, Rotation2, SymmetricEigen, Vector2};
+
+/// Bounds of the length of the steps from which a direction is taken \[m\], and how many are wanted.
+const STEP_M: [f64; 2] = [0.5, 2.0];
+const STEPS: f64 = 20.0;
+/// What a path may scatter without being averaged \[m\], and the most frames to either side over which it is.
+const CALM_M: f64 = 0.05;
+const MOST_AVERAGED: usize = 10;
+/// A part that travels less has no direction of travel \[m\].
+const LEAST_TRAVEL_M: f64 = 1.0;
+/// How far the rear axle is behind the middle, as a share of the length of the pattern; the constant
+/// part of its standard deviation \[m\], and the part that grows with it.
+const AXLE_SHARE: f64 = 0.3;
+const AXLE_SIGMA_M: [f64; 2] = [0.2, 0.3];
+/// The widest turn in one step \[rad\].
+const WIDEST_TURN: f64 = 0.7;
+
+/// How the heading of a part was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heading {
+    /// From the direction of travel.
+    Travel,
+    /// From the long axis of the pattern, its sign from the part of the motion before or after it.
+    LongAxis,
+    /// From the long axis alone: it may be half a turn wrong.
+    Guess,
+    /// From points whose plane coordinates are known.
+    Known,
+}
+
+/// Places the body in the pattern of each part: `pattern_from_body`, and how it was found. `None` for a
+/// part without points that agree.
+pub fn place_body(pattern: &Pattern, points: &[ShapePoint]) -> Vec<Option<(PlanePose, Heading)>> {
+    let mut found: Vec<Option<(PlanePose, Heading)>> =
+        (0..pattern.parts()).map(|part| of_part(pattern, part, points)).collect();
+    settle_signs(pattern, &mut found);
+    found
+}
+
+fn of_part(pattern: &Pattern, part: usize, points: &[ShapePoint]) -> Option<(PlanePose, Heading)> {
+    let good: Vec<(usize, Vector2<f64>)> = good_points(pattern, part, points.len());
+    if good.is_empty() {
+        return None;
+    }
+    if let Some(known) = from_known(&good, points) {
+        return Some((known, Heading::Known));
+    }
+    let (angle, how) = match direction_of_travel(pattern, part, &good) {
+        Some(angle) => (angle, Heading::Travel),
+        None => (long_axis(&good), Heading::Guess),
+    };
+    let turned: Vec<Vector2<f64>> = good.iter().map(|(_, m)| Rotation2::new(-angle) * m).collect();
+    let middle = |axis: usize| {
+        let mut values: Vec<f64> = turned.iter().map(|m| m[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        let cut = values.len() / 20;
+        let middle = (values[cut] + values[values.len() - 1 - cut]) / 2.0;
+        // A coordinate that is known says where the origin is.
+        let known = good.iter().zip(&turned).filter_map(|((point, _), m)| {
+            points[*point].known[axis].map(|known| (m[axis] - known.value_m, known.sigma_m))
+        });
+        known.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(middle, |(origin, _)| origin)
+    };
+    let origin = Vector2::new(middle(0), middle(1));
+    Some((PlanePose { place_m: Rotation2::new(angle) * origin, heading_rad: angle }, how))
+}
+
+/// Points most of whose sightings agree, those seen often first of all.
+fn good_points(pattern: &Pattern, part: usize, points: usize) -> Vec<(usize, Vector2<f64>)> {
+    let all: Vec<(usize, Vector2<f64>, [usize; 2])> = (0..points)
+        .filter_map(|point| {
+            let (at, sightings) = pattern.point(part, point)?;
+            Some((point, at.xy(), sightings))
+        })
+        .collect();
+    let mut counts: Vec<usize> = all.iter().map(|(_, _, s)| s[1]).collect();
+    counts.sort_unstable();
+    let enough = counts.get(counts.len() / 2).map_or(1, |count| (count / 4).max(1));
+    let good = all.iter().filter(|(_, _, [seen, agree])| *agree >= enough && 2 * agree >= *seen);
+    good.map(|(point, at, _)| (*point, *at)).collect()
+}
+
+fn from_known(good: &[(usize, Vector2<f64>)], points: &[ShapePoint]) -> Option<PlanePose> {
+    let pairs: Vec<(Vector2<f64>, Vector2<f64>)> = good
+        .iter()
+        .filter_map(|(point, at)| {
+            let [x, y, _] = points[*point].known;
+            Some((Vector2::new(x?.value_m, y?.value_m), *at))
+        })
+        .collect();
+    let count = pairs.len() as f64;
+    let body = pairs.iter().map(|p| p.0).sum::<Vector2<f64>>() / count;
+    let at = pairs.iter().map(|p| p.1).sum::<Vector2<f64>>() / count;
+    let (mut sine, mut cosine, mut extent) = (0.0, 0.0, 0.0);
+    for (from, to) in &pairs {
+        let (from, to) = (from - body, to - at);
+        sine += from.perp(&to);
+        cosine += from.dot(&to);
+        extent += from.norm_squared();
+    }
+    if pairs.len() < 2 || extent < 0.25 {
+        return None;
+    }
+    let heading_rad = sine.atan2(cosine);
+    Some(PlanePose { place_m: at - Rotation2::new(heading_rad) * body, heading_rad })
+}
+
+/// The direction of travel in the pattern \[rad\].
+fn direction_of_travel(pattern: &Pattern, part: usize, good: &[(usize, Vector2<f64>)]) -> Option<f64> {
+    // The middle of the pattern, not its origin, which may lie far off.
+    let center = pattern_center(pattern, part);
+    let frames = (0..pattern.poses.len()).filter(|frame| pattern.part[*frame] == part);
+    let mut path: Vec<PlanePose> = Vec::new();
+    for pose in frames.filter_map(|frame| pattern.poses[frame]) {
+        let before = path.last().map_or(pose.heading_rad, |last| last.heading_rad);
+        let turns = ((pose.heading_rad - before) / std::f64::consts::TAU).round();
+        let heading_rad = pose.heading_rad - turns * std::f64::consts::TAU;
+        path.push(PlanePose { place_m: pose.place(&center), heading_rad });
+    }
+    let (path, noise_m) = calmed(&path);
+    let length_m: f64 = path.windows(2).map(|p| (p[1].place_m - p[0].place_m).norm()).sum();
+    let step_m = (length_m / STEPS).clamp(STEP_M[0], STEP_M[1]).max(10.0 * noise_m);
+    let turn_noise = scatter(path.iter().map(|p| p.heading_rad));
+    let mut steps: Vec<(Vector2<f64>, f64)> = Vec::new();
+    let mut from = *path.first()?;
+    for pose in path {
+        let moved = pose.place_m - from.place_m;
+        let turn = pose.heading_rad - from.heading_rad;
+        if turn.abs() > WIDEST_TURN {
+            from = pose;
+        } else if moved.norm() >= step_m {
+            let middle = Rotation2::new(-(from.heading_rad + turn / 2.0));
+            steps.push((middle * moved, turn));
+            from = pose;
+        }
+    }
+    let travelled: f64 = steps.iter().map(|(v, _)| v.norm()).sum();
+    if travelled < LEAST_TRAVEL_M || steps.len() < 2 {
+        return None;
+    }
+    let forward = nearest_direction(&steps);
+    let extent = |angle: f64| {
+        let along = Rotation2::new(-angle);
+        let mut values: Vec<f64> = good.iter().map(|(_, m)| (along * m).x).collect();
+        values.sort_by(f64::total_cmp);
+        let cut = values.len() / 20;
+        values[values.len() - 1 - cut] - values[cut]
+    };
+    let expected_m = -AXLE_SHARE * extent(forward);
+    let sigma_m = AXLE_SIGMA_M[0] + AXLE_SIGMA_M[1] * expected_m.abs();
+    let (mut angle, mut axle_m) = (forward, expected_m);
+    for _ in 0..10 {
+        let (sine, cosine) = angle.sin_cos();
+        let (along, left) = (Vector2::new(cosine, sine), Vector2::new(-sine, cosine));
+        let off: Vec<f64> = steps.iter().map(|(v, w)| left.dot(v) + axle_m * w).collect();
+        let mut sorted: Vec<f64> = off.iter().map(|o| o.abs()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let scale = (1.5 * sorted[sorted.len() / 2]).max(0.02 * step_m);
+        // Noise of the turns would draw the axle to the middle; it is outweighed.
+        let tie = (scale / sigma_m).powi(2) + 8.0 * steps.len() as f64 * turn_noise.powi(2);
+        let mut normal = Matrix2::new(1e-9, 0.0, 0.0, tie);
+        let mut right = Vector2::new(0.0, tie * (expected_m - axle_m));
+        for ((v, w), off) in steps.iter().zip(&off) {
+            let weight = 1.0 / (1.0 + (off / (2.0 * scale)).powi(2));
+            let row = Vector2::new(-along.dot(v), *w);
+            normal += weight * row * row.transpose();
+            right -= weight * off * row;
+        }
+        let step = normal.try_inverse()? * right;
+        angle += step.x.clamp(-0.3, 0.3);
+        axle_m += step.y;
+    }
+    Some(angle)
+}
+
+/// The direction in which most of the distance was travelled, turns left out of account \[rad\].
+fn nearest_direction(steps: &[(Vector2<f64>, f64)]) -> f64 {
+    // Lengths of vectors of twice the angle, which a reversal does not change, show the line.
+    let double: Vector2<f64> =
+        steps.iter().map(|(v, _)| Vector2::new(v.x * v.x - v.y * v.y, 2.0 * v.x * v.y) / v.norm()).sum();
+    let angle = double.y.atan2(double.x) / 2.0;
+    let along = Vector2::new(angle.cos(), angle.sin());
+    let travel: f64 = steps.iter().map(|(v, _)| along.dot(v)).sum();
+    if travel < 0.0 { angle + std::f64::consts::PI } else { angle }
+}
+
+/// Scatter of a sequence from frame to frame, in its unit: of its second differences.
+pub fn scatter(values: impl IntoIterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.into_iter().collect();
+    let mut bends: Vec<f64> = values.windows(3).map(|v| (v[0] - 2.0 * v[1] + v[2]).abs()).collect();
+    if bends.is_empty() {
+        return 0.0;
+    }
+    bends.sort_by(f64::total_cmp);
+    // A bend has the variance 6; the size of a unit normal number has the median 0.6745.
+    bends[bends.len() / 2] / (6_f64.sqrt() * 0.6745)
+}
+
+/// A path without single outliers (medians of five) and, as far as its scatter asks for it, averaged;
+/// and what it still scatters \[m\].
+fn calmed(path: &[PlanePose]) -> (Vec<PlanePose>, f64) {
+    let around = |path: &[PlanePose], at: usize, reach: usize, of: fn(&mut [f64]) -> f64| {
+        let reach = reach.min(at).min(path.len() - 1 - at);
+        let window = &path[at - reach..=at + reach];
+        let of = |value: fn(&PlanePose) -> f64| of(&mut window.iter().map(value).collect::<Vec<_>>());
+        let place_m = Vector2::new(of(|p| p.place_m.x), of(|p| p.place_m.y));
+        PlanePose { place_m, heading_rad: of(|p| p.heading_rad) }
+    };
+    let median: fn(&mut [f64]) -> f64 = |values| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let mean: fn(&mut [f64]) -> f64 = |values| values.iter().sum::<f64>() / values.len() as f64;
+    let [x, y] = [0, 1].map(|axis| scatter(path.iter().map(|p| p.place_m[axis])));
+    let noise_m = x.max(y);
+    let medians: Vec<PlanePose> = (0..path.len()).map(|at| around(path, at, 2, median)).collect();
+    let reach = ((noise_m / CALM_M).powi(2) / 2.0).min(MOST_AVERAGED as f64) as usize;
+    let reach = reach.min(path.len() / 8);
+    let calm = (reach..path.len() - reach).map(|at| around(&medians, at, reach, mean)).collect();
+    (calm, noise_m / ((2 * reach + 1) as f64).sqrt())
+}
+
+fn pattern_center(pattern: &Pattern, part: usize) -> Vector2<f64> {
+    let mut places: Vec<Vector2<f64>> = Vec::new();
+    for point in 0..pattern.points() {
+        if let Some((at, [seen, agree])) = pattern.point(part, point)
+            && agree > 0
+            && 2 * agree >= seen
+        {
+            places.push(at.xy());
+        }
+    }
+    let median = |axis: usize| {
+        let mut values: Vec<f64> = places.iter().map(|p| p[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(0.0)
+    };
+    Vector2::new(median(0), median(1))
+}
+
+fn long_axis(good: &[(usize, Vector2<f64>)]) -> f64 {
+    let mean = good.iter().map(|(_, m)| m).sum::<Vector2<f64>>() / good.len() as f64;
+    let scatter: Matrix2<f64> = good.iter().map(|(_, m)| (m - mean) * (m - mean).transpose()).sum();
+    let eigen = SymmetricEigen::new(scatter);
+    let larger = if eigen.eigenvalues[0] > eigen.eigenvalues[1] { 0 } else { 1 };
+    let axis = eigen.eigenvectors.column(larger);
+    axis.y.atan2(axis.x)
+}
+
+/// Gives the long axes the sign that fits the heading of the nearest part that has one.
+fn settle_signs(pattern: &Pattern, found: &mut [Option<(PlanePose, Heading)>]) {
+    let heading =
+        |frame: usize, body: &PlanePose| pattern.poses[frame].map(|pose| pose.after(body).heading_rad);
+    for part in 0..found.len() {
+        let Some((body, Heading::Guess)) = found[part] else { continue };
+        let own: Vec<usize> = (0..pattern.poses.len())
+            .filter(|frame| pattern.part[*frame] == part && pattern.poses[*frame].is_some())
+            .collect();
+        let nearest = (0..pattern.poses.len()).filter_map(|frame| {
+            let (body, how) = found[pattern.part[frame]].filter(|_| pattern.poses[frame].is_some())?;
+            if how == Heading::Guess || pattern.part[frame] == part {
+                return None;
+            }
+            let own = own.iter().copied().min_by_key(|own| own.abs_diff(frame))?;
+            Some((own.abs_diff(frame), own, heading(frame, &body)?))
+        });
+        let Some((_, frame, wanted)) = nearest.min_by_key(|(gap, _, _)| *gap) else { continue };
+        let Some(own) = heading(frame, &body) else { continue };
+        let mut body = body;
+        if (wanted - own).cos() < 0.0 {
+            body.heading_rad += std::f64::consts::PI;
+        }
+        found[part] = Some((body, Heading::LongAxis));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scatter_is_that_of_the_noise_and_not_of_the_path() {
+        let noise = |at: usize| ((12.9898 * at as f64).sin() * 43_758.545_3).rem_euclid(1.0) - 0.5;
+        let found = scatter((0..3000).map(|at| 0.2 * at as f64 + 1e-5 * (at * at) as f64 + noise(at)));
+        // Uniform noise has the standard deviation 1 / sqrt(12).
+        assert!((found * 12_f64.sqrt() - 1.0).abs() < 0.15, "{found}");
+        assert_eq!(scatter([1.0, 2.0]), 0.0);
+        assert!(scatter((0..100).map(|at| 0.3 * f64::from(at))) < 1e-12);
+    }
+
+    #[test]
+    fn the_direction_is_that_of_the_larger_distance() {
+        let step = |angle: f64, length: f64| (length * Vector2::new(angle.cos(), angle.sin()), 0.0);
+        for angle in [0.3_f64, 1.7, -2.9] {
+            let steps = [step(angle + 0.02, 3.0), step(angle - 0.02, 3.0), step(angle, -2.0)];
+            assert!((nearest_direction(&steps) - angle).sin().abs() < 0.02);
+            assert!((nearest_direction(&steps) - angle).cos() > 0.0);
+        }
+    }
+}

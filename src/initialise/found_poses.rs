@@ -1,0 +1,281 @@
+//! Starting poses of a vehicle that comes without: from its image points, the cameras and the ground.
+//!
+//! Forward intersection with the ground raised by a height common to all points, one pattern and its
+//! motion, heights and pattern adjusted together; again with each point's own height; then the body in
+//! the pattern, and the motion as a cone program.
+
+use super::body_axes::{Heading, place_body, scatter};
+use super::forward::{Foot, feet};
+use super::motion_program::{self, Bound, Excess, Limits};
+use super::pattern::{KnownHeight, Pattern};
+use super::rigid_motion::{PlanePose, chain};
+use crate::camera::Camera;
+use crate::geometry::{Pose, heading_rad};
+use crate::problem::{Frame, Vehicle};
+use crate::terrain::{Ground, Terrain};
+use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use std::f64::consts::TAU;
+
+/// Mean height above the ground of the points of a car \[m\].
+const MEAN_HEIGHT_M: f64 = 0.8;
+/// Mean height of points as a share of the height of the highest.
+const MEAN_SHARE: f64 = 0.5;
+/// Least standard deviation of a known height \[m\].
+const LEAST_HEIGHT_SIGMA_M: f64 = 0.01;
+/// How far feet may be off because heights are not known: in the first round, and after it \[m\].
+const SLACK_M: [f64; 2] = [0.15, 0.04];
+/// How far beyond the usual a foot counts: in the first round, and after it.
+const REACH: [f64; 2] = [2.0, 1.2];
+/// Adjustments with feet found anew, after the second chain.
+const LAST_ROUNDS: usize = 2;
+/// Bounds of the standard deviations of data of the motion \[m, rad\].
+const PLACE_SIGMA_M: [f64; 2] = [0.01, 1.0];
+const HEADING_SIGMA: [f64; 2] = [0.003, 0.3];
+/// Scatter of the mean acceleration over one second: weak, so that only noise goes \[m/s^2, rad/s^2\].
+const ACCELERATION_SCATTER: f64 = 1.5;
+const TURN_SCATTER: f64 = 1.0;
+
+/// What no road vehicle does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionBounds {
+    /// Highest speed \[m/s\], > 0. Default 60.
+    pub speed_mps: f64,
+    /// Largest acceleration in any direction \[m/s^2\], > 0. Default 12.
+    pub acceleration_mps2: f64,
+    /// Highest rate of turn \[rad/s\], > 0. Default 90 deg/s.
+    pub turn_rad_per_s: f64,
+}
+
+impl Default for MotionBounds {
+    fn default() -> Self {
+        MotionBounds { speed_mps: 60.0, acceleration_mps2: 12.0, turn_rad_per_s: std::f64::consts::FRAC_PI_2 }
+    }
+}
+
+/// Poses that were found.
+#[derive(Clone, Debug)]
+pub struct FoundPoses {
+    /// `world_from_vehicle` of each frame of the vehicle's span.
+    pub poses: Vec<Option<Pose>>,
+    /// What is odd.
+    pub warnings: Vec<String>,
+}
+
+/// Why poses cannot be found.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoPoses {
+    /// There is no ground.
+    #[error("it has no starting poses, and there is no terrain to find them on")]
+    NoTerrain,
+    /// It is never seen.
+    #[error("it is never seen")]
+    NeverSeen,
+    /// No ray meets the ground.
+    #[error("it has no starting poses, and none of its {rays} rays meets the terrain")]
+    AllMiss {
+        /// How many rays there are.
+        rays: usize,
+    },
+    /// No frame has two points.
+    #[error("it has no starting poses, and no frame shows two of its points on the terrain")]
+    TooFewPoints,
+    /// The cone program was not solved.
+    #[error("it has no starting poses, and its motion was not found: {0}")]
+    NoMotion(#[from] motion_program::NoMotion),
+}
+
+/// Finds the poses of `vehicle` in all frames of its span. Poses that are given fix its frame, and are
+/// returned as they are.
+pub fn find_poses(
+    vehicle: &Vehicle,
+    frames: &[Frame],
+    camera: &Camera,
+    camera_poses: &[Pose],
+    terrain: &Terrain,
+    bounds: &MotionBounds,
+) -> Result<FoundPoses, NoPoses> {
+    if vehicle.observations.is_empty() {
+        return Err(NoPoses::NeverSeen);
+    }
+    let mut warnings = Vec::new();
+    let pattern = find_pattern(vehicle, frames.len(), camera, camera_poses, terrain)?;
+    let bodies = place_body(&pattern, &vehicle.points);
+    let mut plane: Vec<Option<PlanePose>> = (0..frames.len())
+        .map(|frame| Some(pattern.poses[frame]?.after(&bodies[pattern.part[frame]]?.0)))
+        .collect();
+    let has_given = align_to_given(&mut plane, vehicle);
+    let guessed = |frame: usize| matches!(bodies[pattern.part[frame]], Some((_, Heading::Guess)));
+    if !has_given && plane.iter().enumerate().any(|(frame, pose)| pose.is_some() && guessed(frame)) {
+        warnings.push(format!(
+            "vehicle {}: it hardly moves: its heading is that of its long axis and may be half a turn wrong",
+            vehicle.id
+        ));
+    }
+    unwrap_headings(&mut plane);
+
+    let span = vehicle.span();
+    let times: Vec<f64> = frames[span.clone()].iter().map(|f| f.time_s).collect();
+    // Errors that all points of a frame share, the camera's first of all, show in the path alone.
+    let path: Vec<PlanePose> = plane[span.clone()].iter().flatten().copied().collect();
+    let [x, y] = [0, 1].map(|axis| scatter(path.iter().map(|p| p.place_m[axis])));
+    let (least_m, least_rad) = (x.max(y), scatter(path.iter().map(|p| p.heading_rad)));
+    let clamp = |value: f64, [least, most]: [f64; 2]| value.max(least).min(most);
+    let datum = |frame: usize| {
+        let pose = plane[frame].filter(|_| pattern.agreeing[frame] >= 2)?;
+        Some((pose, pattern.sigma[frame]))
+    };
+    let places: Vec<_> = span
+        .clone()
+        .map(|f| {
+            datum(f)
+                .map(|(pose, s)| ([pose.place_m.x, pose.place_m.y], clamp(s[0].max(least_m), PLACE_SIGMA_M)))
+        })
+        .collect();
+    let headings: Vec<_> = span
+        .clone()
+        .map(|f| datum(f).map(|(pose, s)| ([pose.heading_rad], clamp(s[1].max(least_rad), HEADING_SIGMA))))
+        .collect();
+    let of_place = Limits {
+        rate: bounds.speed_mps,
+        acceleration: Some(bounds.acceleration_mps2),
+        scatter: ACCELERATION_SCATTER,
+    };
+    let of_heading = Limits { rate: bounds.turn_rad_per_s, acceleration: None, scatter: TURN_SCATTER };
+    let place = motion_program::fit::<2>(&times, &places, &of_place)?;
+    let heading = motion_program::fit::<1>(&times, &headings, &of_heading)?;
+    let excesses =
+        place.excesses.iter().map(|e| (e, false)).chain(heading.excesses.iter().map(|e| (e, true)));
+    warnings.extend(excesses.map(|(excess, turns)| tell(vehicle, excess, turns, bounds)));
+
+    let mut poses = vec![None; frames.len()];
+    let mut ground: Option<Ground> = None;
+    let first = place.values.iter().find_map(|[x, y]| terrain.at(*x, *y).ok());
+    for (at, frame) in span.enumerate() {
+        let [x, y] = place.values[at];
+        // Beyond the edge of the terrain it goes on level with where it was last known.
+        ground = terrain.at(x, y).ok().or(ground).or(first);
+        let Some(ground) = ground else { return Err(NoPoses::AllMiss { rays: vehicle.observations.len() }) };
+        poses[frame] =
+            vehicle.poses[frame].or(Some(stand(Vector2::new(x, y), heading.values[at][0], &ground)));
+    }
+    Ok(FoundPoses { poses, warnings })
+}
+
+/// The pose of a body that stands on the ground.
+fn stand(place_m: Vector2<f64>, heading_rad: f64, ground: &Ground) -> Pose {
+    let up = ground.normal();
+    let along = Vector3::new(heading_rad.cos(), heading_rad.sin(), 0.0);
+    let left = up.cross(&along).normalize();
+    let axes = Matrix3::from_columns(&[left.cross(&up), left, up]);
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+    Pose::from_parts(Translation3::from(place_m.push(ground.height_m)), rotation)
+}
+
+fn find_pattern(
+    vehicle: &Vehicle,
+    frames: usize,
+    camera: &Camera,
+    camera_poses: &[Pose],
+    terrain: &Terrain,
+) -> Result<Pattern, NoPoses> {
+    let mut known: Vec<Option<KnownHeight>> = vehicle
+        .points
+        .iter()
+        .map(|point| {
+            let known = point.known[2]?;
+            Some(KnownHeight { value_m: known.value_m, sigma_m: known.sigma_m.max(LEAST_HEIGHT_SIGMA_M) })
+        })
+        .collect();
+    let mean_m = vehicle.height.map_or(MEAN_HEIGHT_M, |height| MEAN_SHARE * height.value_m);
+    let mut heights: Vec<f64> = known.iter().map(|known| known.map_or(mean_m, |k| k.value_m)).collect();
+    let meet = |heights: &[f64]| feet(&vehicle.observations, camera, camera_poses, heights, terrain);
+    let mut met: Vec<Foot> = meet(&heights);
+    if met.is_empty() {
+        return Err(NoPoses::AllMiss { rays: vehicle.observations.len() });
+    }
+    let adjusted = |met: &[Foot], heights: &[f64], known: &[Option<KnownHeight>], round: usize| {
+        let links = chain(met, frames, vehicle.points.len(), SLACK_M[round]);
+        if links.patterns.is_empty() {
+            return Err(NoPoses::TooFewPoints);
+        }
+        let mut pattern = Pattern::new(&links, heights, known, mean_m);
+        pattern.adjust(met, heights, REACH[round]);
+        Ok(pattern)
+    };
+    let mut pattern = adjusted(&met, &heights, &known, 0)?;
+    heights = pattern.heights_m(&heights);
+    if let Some(height) = vehicle.height
+        && let Some(highest) = pattern.highest_point()
+        && known[highest].is_none()
+    {
+        let sigma_m = height.sigma_m.max(LEAST_HEIGHT_SIGMA_M);
+        known[highest] = Some(KnownHeight { value_m: height.value_m, sigma_m });
+    }
+    met = meet(&heights);
+    pattern = adjusted(&met, &heights, &known, 1)?;
+    for _ in 0..LAST_ROUNDS {
+        heights = pattern.heights_m(&heights);
+        met = meet(&heights);
+        pattern.adjust(&met, &heights, REACH[1]);
+    }
+    Ok(pattern)
+}
+
+/// Moves the body into the frame of the poses that are given; whether there are any.
+fn align_to_given(plane: &mut [Option<PlanePose>], vehicle: &Vehicle) -> bool {
+    let offsets: Vec<PlanePose> = plane
+        .iter()
+        .zip(&vehicle.poses)
+        .filter_map(|(found, given)| {
+            let given = (*given)?;
+            let place_m = given.translation.vector.xy();
+            let given = PlanePose { place_m, heading_rad: heading_rad(&given) };
+            Some((*found)?.inverse().after(&given))
+        })
+        .collect();
+    let Some(first) = offsets.first() else { return false };
+    let median = |of: &dyn Fn(&PlanePose) -> f64| {
+        let mut values: Vec<f64> = offsets.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let near = |angle: f64| angle - ((angle - first.heading_rad) / TAU).round() * TAU;
+    let offset = PlanePose {
+        place_m: Vector2::new(median(&|o| o.place_m.x), median(&|o| o.place_m.y)),
+        heading_rad: median(&|o| near(o.heading_rad)),
+    };
+    plane.iter_mut().flatten().for_each(|pose| *pose = pose.after(&offset));
+    true
+}
+
+/// Adds full turns so that headings go on from the median of those just before.
+fn unwrap_headings(plane: &mut [Option<PlanePose>]) {
+    let mut recent: Vec<f64> = Vec::new();
+    for pose in plane.iter_mut().flatten() {
+        let mut sorted = recent.clone();
+        sorted.sort_by(f64::total_cmp);
+        if let Some(before) = sorted.get(sorted.len() / 2) {
+            pose.heading_rad -= ((pose.heading_rad - before) / TAU).round() * TAU;
+        }
+        if recent.len() == 5 {
+            recent.remove(0);
+        }
+        recent.push(pose.heading_rad);
+    }
+}
+
+fn tell(vehicle: &Vehicle, excess: &Excess, turns: bool, bounds: &MotionBounds) -> String {
+    let [from, to] = excess.time_s;
+    let (name, reached, limit, unit) = match (excess.bound, turns) {
+        (Bound::Rate, false) => ("speed", excess.reached, bounds.speed_mps, "m/s"),
+        (Bound::Rate, true) => {
+            ("rate of turn", excess.reached.to_degrees(), bounds.turn_rad_per_s.to_degrees(), "deg/s")
+        }
+        (Bound::Acceleration, _) => ("acceleration", excess.reached, bounds.acceleration_mps2, "m/s^2"),
+    };
+    format!(
+        "vehicle {}: from {from:.2} s to {to:.2} s its image points demand a {name} of {reached:.1} {unit}, \
+         beyond the bound of {limit:.1} {unit}",
+        vehicle.id
+    )
+}
