@@ -14,8 +14,9 @@
 
 use super::pattern::Pattern;
 use super::rigid_motion::PlanePose;
+use crate::geometry::{Pose, heading_rad};
 use crate::problem::ShapePoint;
-use nalgebra::{Matrix2, Rotation2, SymmetricEigen, Vector2};
+use nalgebra::{Matrix2, Point3, Rotation2, SymmetricEigen, Vector2};
 
 /// Bounds of the length of the steps from which a direction is taken \[m\], and how many are wanted.
 const STEP_M: [f64; 2] = [0.5, 2.0];
@@ -127,12 +128,30 @@ fn direction_of_travel(pattern: &Pattern, part: usize, good: &[(usize, Vector2<f
     // The middle of the pattern, not its origin, which may lie far off.
     let center = pattern_center(pattern, part);
     let frames = (0..pattern.poses.len()).filter(|frame| pattern.part[*frame] == part);
+    let points: Vec<Vector2<f64>> = good.iter().map(|(_, at)| *at).collect();
+    direction_along(frames.filter_map(|frame| pattern.poses[frame]), &center, &points)
+}
+
+/// The heading of a body's path of travel in the body \[rad\]: zero where its x axis points where it
+/// drives, as seen from its rear axle. `None` where it hardly moves. `points` are those of its shape.
+pub fn heading_of_travel(poses: &[Option<Pose>], points: &[Point3<f64>]) -> Option<f64> {
+    let plane =
+        |pose: &Pose| PlanePose { place_m: pose.translation.vector.xy(), heading_rad: heading_rad(pose) };
+    let points: Vec<Vector2<f64>> = points.iter().map(|p| p.coords.xy()).collect();
+    direction_along(poses.iter().flatten().map(plane), &median_place(&points), &points)
+}
+
+fn direction_along(
+    poses: impl Iterator<Item = PlanePose>,
+    center: &Vector2<f64>,
+    good: &[Vector2<f64>],
+) -> Option<f64> {
     let mut path: Vec<PlanePose> = Vec::new();
-    for pose in frames.filter_map(|frame| pattern.poses[frame]) {
+    for pose in poses {
         let before = path.last().map_or(pose.heading_rad, |last| last.heading_rad);
         let turns = ((pose.heading_rad - before) / std::f64::consts::TAU).round();
         let heading_rad = pose.heading_rad - turns * std::f64::consts::TAU;
-        path.push(PlanePose { place_m: pose.place(&center), heading_rad });
+        path.push(PlanePose { place_m: pose.place(center), heading_rad });
     }
     let (path, noise_m) = calmed(&path);
     let length_m: f64 = path.windows(2).map(|p| (p[1].place_m - p[0].place_m).norm()).sum();
@@ -158,7 +177,7 @@ fn direction_of_travel(pattern: &Pattern, part: usize, good: &[(usize, Vector2<f
     let forward = nearest_direction(&steps);
     let extent = |angle: f64| {
         let along = Rotation2::new(-angle);
-        let mut values: Vec<f64> = good.iter().map(|(_, m)| (along * m).x).collect();
+        let mut values: Vec<f64> = good.iter().map(|m| (along * m).x).collect();
         values.sort_by(f64::total_cmp);
         let cut = values.len() / 20;
         values[values.len() - 1 - cut] - values[cut]
@@ -247,6 +266,10 @@ fn pattern_center(pattern: &Pattern, part: usize) -> Vector2<f64> {
             places.push(at.xy());
         }
     }
+    median_place(&places)
+}
+
+fn median_place(places: &[Vector2<f64>]) -> Vector2<f64> {
     let median = |axis: usize| {
         let mut values: Vec<f64> = places.iter().map(|p| p[axis]).collect();
         values.sort_by(f64::total_cmp);

@@ -2,7 +2,7 @@
 //! without one from the ground below them, shapes by direct linear transformation, static points by
 //! intersection of their rays.
 
-mod body_axes;
+pub mod body_axes;
 pub mod dlt;
 pub mod forward;
 pub mod found_poses;

@@ -18,6 +18,7 @@ pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
 pub use outcome::{Adjustment, CheckPoint, Fits, OUTLIER_SIGMAS, ObservationFit, Round};
 
 use crate::estimate::Estimate;
+use crate::initialise::body_axes::heading_of_travel;
 use crate::nlls::linear::cholesky::TooLarge;
 use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
@@ -25,6 +26,7 @@ pub use crate::nlls::system::Arrangement;
 use crate::nlls::system::Values;
 use crate::problem::Problem;
 use model::Model;
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 /// What a user may choose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -146,6 +148,7 @@ pub fn refine(
     run.reselect_highest_points(chosen)?;
     let mut minimum = run.round("final", MinimiserOptions::default().relative_decrease, usize::MAX);
     let mut estimate = run.model.estimate(problem, start, &run.values);
+    look_where_they_drive(problem, &mut estimate);
     if !estimate.is_finite() || !minimum.cost.value.is_finite() {
         return Err(NoSolution(
             "the adjustment does not end in finite numbers: is a value out of all proportion?".to_owned(),
@@ -165,6 +168,23 @@ pub fn refine(
     }
     outcome::drop_rejected_points(problem, &mut estimate, &mut adjustment);
     Ok((estimate, adjustment))
+}
+
+/// Turns the frames of vehicles that nothing else turns, so that their x axes point where they drive: a
+/// change of the datum, which no measurement notices. Seen from adjusted poses the direction of travel is
+/// better known than it was at the start, and what holds it on the way is weak.
+fn look_where_they_drive(problem: &Problem, estimate: &mut Estimate) {
+    for (vehicle, estimate) in problem.vehicles.iter().zip(&mut estimate.vehicles) {
+        let is_known = vehicle.points.iter().any(|p| p.known[0].is_some() || p.known[1].is_some());
+        if is_known || !vehicle.has_no_poses() || estimate.left_out.is_some() {
+            continue;
+        }
+        let points: Vec<Point3<f64>> = estimate.points.iter().flatten().copied().collect();
+        let Some(angle) = heading_of_travel(&estimate.poses, &points) else { continue };
+        let body_from_turned = UnitQuaternion::from_scaled_axis(Vector3::z() * angle);
+        estimate.poses.iter_mut().flatten().for_each(|pose| pose.rotation *= body_from_turned);
+        estimate.points.iter_mut().flatten().for_each(|point| *point = body_from_turned.inverse() * *point);
+    }
 }
 
 struct Run<'a> {
