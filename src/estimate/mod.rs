@@ -82,6 +82,12 @@ impl Estimate {
 }
 
 impl VehicleEstimate {
+    /// The given poses and no points.
+    pub fn without_points(vehicle: &Vehicle) -> Self {
+        let points = vec![None; vehicle.points.len()];
+        VehicleEstimate { poses: vehicle.poses.clone(), points, open_depth: Vec::new(), left_out: None }
+    }
+
     /// The track of the marker (without one, or where it is not determined, of the origin), one
     /// point for each frame of the vehicle's span that has a pose. Speeds are central differences of
     /// the positions, one-sided at the ends.

@@ -55,10 +55,19 @@ impl Default for MotionBounds {
 /// Poses that were found.
 #[derive(Clone, Debug)]
 pub struct FoundPoses {
-    /// `world_from_vehicle` of each frame of the vehicle's span.
+    /// `world_from_vehicle` of each frame of the vehicle's span: as it is given, or else as it was found.
     pub poses: Vec<Option<Pose>>,
+    /// As it was found, where one is given too, in the body frame of those that are given.
+    pub found: Vec<Option<Pose>>,
     /// What is odd.
     pub warnings: Vec<String>,
+}
+
+impl FoundPoses {
+    /// Nothing but what is given.
+    pub fn given(vehicle: &Vehicle) -> Self {
+        FoundPoses { poses: vehicle.poses.clone(), found: Vec::new(), warnings: Vec::new() }
+    }
 }
 
 /// Why poses cannot be found.
@@ -147,7 +156,7 @@ pub fn find_poses(
         place.excesses.iter().map(|e| (e, false)).chain(heading.excesses.iter().map(|e| (e, true)));
     warnings.extend(excesses.map(|(excess, turns)| tell(vehicle, excess, turns, bounds)));
 
-    let mut poses = vec![None; frames.len()];
+    let mut found = vec![None; frames.len()];
     let mut ground: Option<Ground> = None;
     let first = place.values.iter().find_map(|[x, y]| terrain.at(*x, *y).ok());
     for (at, frame) in span.enumerate() {
@@ -155,10 +164,11 @@ pub fn find_poses(
         // Beyond the edge of the terrain it goes on level with where it was last known.
         ground = terrain.at(x, y).ok().or(ground).or(first);
         let Some(ground) = ground else { return Err(NoPoses::AllMiss { rays: vehicle.observations.len() }) };
-        poses[frame] =
-            vehicle.poses[frame].or(Some(stand(Vector2::new(x, y), heading.values[at][0], &ground)));
+        found[frame] = Some(stand(Vector2::new(x, y), heading.values[at][0], &ground));
     }
-    Ok(FoundPoses { poses, warnings })
+    let poses =
+        vehicle.poses.iter().zip(&found).map(|(given, found)| given.filter(|_| found.is_some()).or(*found));
+    Ok(FoundPoses { poses: poses.collect(), found, warnings })
 }
 
 /// The pose of a body that stands on the ground.

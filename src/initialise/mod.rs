@@ -84,20 +84,11 @@ pub fn initialise_within(
         .collect();
     for (vehicle, poses) in problem.vehicles.iter().zip(poses) {
         let no_poses = poses.as_ref().err().map(NoPoses::to_string);
-        let poses =
-            poses.unwrap_or_else(|_| FoundPoses { poses: vehicle.poses.clone(), warnings: Vec::new() });
+        let poses = poses.unwrap_or_else(|_| FoundPoses::given(vehicle));
         warnings.extend(poses.warnings);
-        let mut estimate = VehicleEstimate {
-            poses: poses.poses,
-            points: vec![None; vehicle.points.len()],
-            open_depth: Vec::new(),
-            left_out: None,
-        };
+        let mut estimate = VehicleEstimate { poses: poses.poses, ..VehicleEstimate::without_points(vehicle) };
         estimate.bridge_gaps(problem, vehicle);
-        let fits = shape(problem, &camera_poses, vehicle, &estimate, method);
-        robust_points += fits.iter().flatten().filter(|fit| fit.robust).count();
-        estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
-        estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
+        robust_points += find_shape(problem, &camera_poses, vehicle, &mut estimate, method);
         estimate.left_out = no_poses.or_else(|| reason_to_leave_out(problem, vehicle, &estimate));
         warn_of_points(vehicle, &estimate, &mut warnings);
         vehicles.push(estimate);
@@ -122,6 +113,54 @@ pub fn initialise_within(
     Ok(Initial { estimate, robust_points, resection, warnings })
 }
 
+/// Another start for vehicles whose poses are given: found as if they were not, in the body frame of
+/// those. `None` where no vehicle has one.
+pub fn start_anew(problem: &Problem, start: &Estimate) -> Option<Estimate> {
+    let ground = problem.ground.as_ref().filter(|_| !problem.vehicle_pose_sigma.is_exact())?;
+    let mut anew = start.clone();
+    let changed: Vec<bool> = problem
+        .vehicles
+        .par_iter()
+        .zip(&mut anew.vehicles)
+        .map(|(vehicle, estimate)| {
+            if vehicle.has_no_poses() || estimate.left_out.is_some() {
+                return false;
+            }
+            let (frames, bounds) = (&problem.frames, MotionBounds::default());
+            let cameras = &start.camera_poses;
+            let Ok(found) = find_poses(vehicle, frames, &problem.camera, cameras, &ground.terrain, &bounds)
+            else {
+                return false;
+            };
+            let mut other =
+                VehicleEstimate { poses: found.found, ..VehicleEstimate::without_points(vehicle) };
+            find_shape(problem, cameras, vehicle, &mut other, Method::RobustWhereNeeded);
+            // The same unknowns, so that costs can be compared.
+            let is_whole = estimate.points.iter().zip(&other.points).all(|(a, b)| a.is_some() <= b.is_some());
+            if is_whole {
+                estimate.points.iter_mut().zip(other.points).for_each(|(a, b)| *a = a.and(b));
+                estimate.poses = other.poses;
+            }
+            is_whole
+        })
+        .collect();
+    changed.contains(&true).then_some(anew)
+}
+
+/// Gives a vehicle its shape; returns how many points needed the robust fit.
+fn find_shape(
+    problem: &Problem,
+    camera_poses: &[Pose],
+    vehicle: &Vehicle,
+    estimate: &mut VehicleEstimate,
+    method: Method,
+) -> usize {
+    let fits = shape(problem, camera_poses, vehicle, estimate, method);
+    estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
+    estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
+    fits.iter().flatten().filter(|fit| fit.robust).count()
+}
+
 /// `world_from_camera` of each frame, and how those were found that were not given.
 fn camera_poses(problem: &Problem) -> Result<(Vec<Pose>, Option<Resection>), NotResectable> {
     let given: Option<Vec<Pose>> = problem.camera_poses.iter().copied().collect();
@@ -140,7 +179,7 @@ fn poses_of(
     bounds: &MotionBounds,
 ) -> Result<FoundPoses, NoPoses> {
     if !vehicle.misses_poses() {
-        return Ok(FoundPoses { poses: vehicle.poses.clone(), warnings: Vec::new() });
+        return Ok(FoundPoses::given(vehicle));
     }
     let ground = problem.ground.as_ref().ok_or(NoPoses::NoTerrain)?;
     find_poses(vehicle, &problem.frames, &problem.camera, camera_poses, &ground.terrain, bounds)

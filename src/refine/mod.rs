@@ -19,6 +19,7 @@ pub use outcome::{Adjustment, CheckPoint, Fits, OUTLIER_SIGMAS, ObservationFit, 
 
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
+use crate::initialise::start_anew;
 use crate::nlls::linear::cholesky::TooLarge;
 use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
@@ -127,7 +128,10 @@ pub fn refine(
     let estimates_motion = run.model.motion.is_estimated();
     if chosen.redescends() || estimates_motion {
         run.model.set_image_loss(approach);
-        run.round("approach", APPROACHED, ROUND_ITERATIONS);
+        let minimum = run.round("approach", APPROACHED, ROUND_ITERATIONS);
+        if !minimum.stop.converged() {
+            run.approach_anew(approach, minimum.cost.value)?;
+        }
     }
     let spread = run.model.spread(&run.values);
     let chosen = match options.loss_scale {
@@ -216,6 +220,25 @@ impl Run<'_> {
         self.values = minimum.values.clone();
         self.rounds.push(Round { name, stop: minimum.stop, records: minimum.records.clone() });
         minimum
+    }
+
+    /// Where the way from the given poses is long, that from poses found in the images may be short: of the
+    /// two ends the one of lower cost.
+    fn approach_anew(&mut self, loss: Loss, cost: f64) -> Result<(), TooLarge> {
+        let Some(anew) = start_anew(self.problem, self.start) else { return Ok(()) };
+        let mut model = Model::new(self.problem, self.start, &anew, self.options);
+        model.set_image_loss(loss);
+        let values = model.system.start().clone();
+        let before = (
+            std::mem::replace(&mut self.minimiser, Minimiser::new(&model.system)?),
+            std::mem::replace(&mut self.model, model),
+            std::mem::replace(&mut self.values, values),
+        );
+        let minimum = self.round("approach from found poses", APPROACHED, ROUND_ITERATIONS);
+        if minimum.cost.value >= cost {
+            (self.minimiser, self.model, self.values) = before;
+        }
+        Ok(())
     }
 
     /// The known height of a body belongs to its highest point, which may be another one by now.

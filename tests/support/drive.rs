@@ -27,6 +27,10 @@ pub struct Drive {
     pub camera_error: [f64; 2],
     /// White errors of the starting vehicle poses \[m, rad\].
     pub vehicle_error: [f64; 2],
+    /// By what all starting vehicle poses are off together: along x, y and z \[m\], and in heading \[rad\].
+    pub vehicle_shift: [f64; 4],
+    /// Speed of the first vehicle \[m/s\], backwards below zero, and how fast all turn \[rad/s\].
+    pub motion: [f64; 2],
     /// A point is seen in a frame with this probability.
     pub visibility: f64,
     /// What stands in `[noise]` and `[terrain]`; the image sigmas are added.
@@ -51,6 +55,8 @@ impl Default for Drive {
             gross: (0.0, [0.0, 0.0]),
             camera_error: [0.2, 0.004],
             vehicle_error: [0.2, 0.02],
+            vehicle_shift: [0.0; 4],
+            motion: [14.0, 0.25],
             visibility: 1.0,
             settings: "camera_position_m = 0.2\ncamera_rotation_deg = 0.25\nvehicle_position_m = 0.2\n\
                        vehicle_rotation_deg = 1.2\n[terrain]\nplane_z = 0.0\n"
@@ -93,7 +99,10 @@ impl Drive {
             let start = disturb(&truth.cameras[frame], self.camera_error, &mut rng);
             writeln!(cameras, "{frame},{}", row(&start)).unwrap();
             for (at, poses) in truth.vehicles.iter().enumerate() {
-                let start = disturb(&poses[frame], self.vehicle_error, &mut rng);
+                let mut start = disturb(&poses[frame], self.vehicle_error, &mut rng);
+                let [x, y, z, turn] = self.vehicle_shift;
+                start.translation.vector += Vector3::new(x, y, z);
+                start.rotation *= exp(&(Vector3::z() * turn));
                 writeln!(vehicles, "{frame},car{at},{}", row(&start)).unwrap();
                 for (id, point) in &truth.points {
                     let visible = rng.random::<f64>() < self.visibility;
@@ -164,11 +173,16 @@ impl Drive {
         };
         let vehicle = |at: usize, frame: usize| {
             let time = (frame as f64 - 0.5 * self.frames as f64) / 30.0;
-            let (speed, turn) = (14.0 - 3.0 * at as f64, 0.25);
+            let [speed, turn] = self.motion;
+            let speed = speed - 3.0 * at as f64;
             let middle = 0.3 + 2.0 * at as f64;
             let heading = middle + turn * time;
-            let arc = Vector3::new(heading.sin() - middle.sin(), middle.cos() - heading.cos(), 0.0);
-            let place = arc * (speed / turn);
+            let place = if turn == 0.0 {
+                Vector3::new(middle.cos(), middle.sin(), 0.0) * (speed * time)
+            } else {
+                let arc = Vector3::new(heading.sin() - middle.sin(), middle.cos() - heading.cos(), 0.0);
+                arc * (speed / turn)
+            };
             Pose::from_parts(
                 (place + Vector3::y() * (5.0 * at as f64)).into(),
                 exp(&(Vector3::z() * heading)),
