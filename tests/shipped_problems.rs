@@ -65,6 +65,22 @@ fn exact_poses_give_the_shape_of_the_paper() {
     }
 }
 
+/// Nothing but image points, targets and a terrain grid: no pose of anything.
+#[test]
+fn a_drive_from_raw_measurements_is_found_and_adjusted() {
+    let problem = shipped("drive-60s");
+    let scored = |command| {
+        let (_place, result) = run(command, &problem, &["--threads", "2"]);
+        score(&result, &problem.join("truth"), "car1")
+    };
+    let initial = scored("initialise");
+    assert!(initial.marker_rms_xy_m < 0.1 && initial.heading_p95_deg < 3.0, "{initial:?}");
+    let adjusted = scored("refine");
+    assert!(adjusted.marker_mad_x_m < 0.016 && adjusted.marker_mad_y_m < 0.016, "{adjusted:?}");
+    assert!(adjusted.marker_rms_xy_m < 0.025 && adjusted.heading_p95_deg < 1.0, "{adjusted:?}");
+    assert!(adjusted.speed_mad_mps < 0.016, "{adjusted:?}");
+}
+
 #[test]
 fn exact_poses_stay() {
     for table in ["camera_poses.csv", "vehicle_poses.csv"] {

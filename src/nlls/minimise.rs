@@ -71,6 +71,11 @@ const LEAST_DAMPING: f64 = 1e-14;
 /// A gain above which the cost is flatter than its model, and one below which it is not.
 const STEEPER: f64 = 1.25;
 const SHALLOWER: f64 = 0.75;
+/// A gain from which a longer step is tried, and how often it is doubled at the most.
+const LONGER: f64 = 1.4;
+const MOST_DOUBLINGS: usize = 8;
+/// The shortest share of a step that is tried before the step is damped.
+const LEAST_SHARE: f64 = 0.2;
 /// Changes of the cost below this share of it are rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -374,6 +379,50 @@ impl Minimiser {
         self.linearised = None;
     }
 
+    /// Doubles a step that lowers the cost by much more than predicted, as long as that lowers it further:
+    /// the cost is nearly straight along it, and a step of the model's length would creep.
+    fn lengthen(
+        &self,
+        system: &System,
+        values: &Values,
+        delta: &[f64],
+        mut best: (Values, Cost),
+    ) -> (Values, Cost) {
+        let mut longer = delta.to_vec();
+        for _ in 0..MOST_DOUBLINGS {
+            longer.iter_mut().for_each(|d| *d *= 2.0);
+            let trial = system.plus(values, &longer);
+            let cost = system.cost(&trial);
+            if cost.value < best.1.value {
+                best = (trial, cost);
+            } else {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Tries the least cost of the parabola through what is known along a step that lowers the cost by less
+    /// than predicted: where the model lacks half the curvature, whole steps swing from side to side.
+    fn shorten(
+        &self,
+        system: &System,
+        values: &Values,
+        delta: &[f64],
+        gain: f64,
+        whole: (Values, Cost),
+    ) -> (Values, Cost) {
+        let share = 1.0 / (2.0 - gain);
+        // Much shorter, a damped step is the better one.
+        if !(LEAST_SHARE..1.0).contains(&share) {
+            return whole;
+        }
+        let shorter: Vec<f64> = delta.iter().map(|d| d * share).collect();
+        let trial = system.plus(values, &shorter);
+        let cost = system.cost(&trial);
+        if cost.value < whole.1.value { (trial, cost) } else { whole }
+    }
+
     /// One attempt: the record of it, and the reason to stop after it, if there is one.
     fn attempt(&mut self, system: &System, state: &mut LmState) -> (IterationRecord, Option<Stop>) {
         let values = state.values.as_ref().expect("set at the start");
@@ -398,11 +447,19 @@ impl Minimiser {
         let predicted = 0.5 * (self.damping * step.squared - step.slope);
         record.step = step.squared.sqrt();
         let begin = Instant::now();
-        let trial = system.plus(values, &step.delta);
-        let trial_cost = system.cost(&trial);
-        self.stages.cost += begin.elapsed().as_secs_f64();
+        let mut trial = system.plus(values, &step.delta);
+        let mut trial_cost = system.cost(&trial);
         record.change = state.cost.value - trial_cost.value;
         record.gain = record.change / predicted;
+        if record.gain > LONGER {
+            (trial, trial_cost) = self.lengthen(system, values, &step.delta, (trial, trial_cost));
+            record.change = state.cost.value - trial_cost.value;
+        } else if record.gain < SHALLOWER {
+            (trial, trial_cost) = self.shorten(system, values, &step.delta, record.gain, (trial, trial_cost));
+            record.change = state.cost.value - trial_cost.value;
+            record.gain = record.gain.max(record.change / predicted);
+        }
+        self.stages.cost += begin.elapsed().as_secs_f64();
         let rounding = ROUNDING * state.cost.value;
         if record.change > 0.0 && record.gain > 1e-3 {
             record.accepted = true;

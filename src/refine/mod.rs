@@ -12,6 +12,7 @@ mod datum;
 mod model;
 mod motion;
 mod outcome;
+mod reversal;
 
 pub use datum::scale_gap;
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
@@ -86,10 +87,18 @@ impl From<TooLarge> for NoSolution {
 const MOST_ROUNDS: usize = 8;
 /// The approach ends when a step lowers the cost by less than this share.
 const APPROACHED: f64 = 1e-3;
+/// Records of an approach that comes from far.
+const LONG_WAY: usize = 6;
 /// A round between two estimates of the motion priors ends when a step lowers the cost by less.
 const FOLLOWED: f64 = 1e-2;
 /// The most iterations of a round before the last.
 const ROUND_ITERATIONS: usize = 10;
+/// The last round ends when a step lowers the cost by less: in the narrow valleys of bodies that hardly turn
+/// many small steps are still a way.
+const ENDED: f64 = 1e-9;
+/// A body may be at the wrong one of two depths ([`reversal`]), which is looked for after so many iterations
+/// of the last round, if it has not ended before: in a wrong minimum it may go on for long.
+const BEFORE_REVERSAL: usize = 25;
 /// Motion strengths have settled when none changes by more than this factor.
 const SETTLED: f64 = 1.15;
 
@@ -129,7 +138,7 @@ pub fn refine(
     if chosen.redescends() || estimates_motion {
         run.model.set_image_loss(approach);
         let minimum = run.round("approach", APPROACHED, ROUND_ITERATIONS);
-        if !minimum.stop.converged() {
+        if !minimum.stop.converged() || minimum.records.len() > LONG_WAY {
             run.approach_anew(approach, minimum.cost.value)?;
         }
     }
@@ -150,7 +159,15 @@ pub fn refine(
         }
     }
     run.reselect_highest_points(chosen)?;
-    let mut minimum = run.round("final", MinimiserOptions::default().relative_decrease, usize::MAX);
+    let mut minimum = run.round("final", ENDED, BEFORE_REVERSAL);
+    let now = run.model.estimate(problem, start, &run.values);
+    let strengths = run.model.motion.strengths(&run.model.system);
+    if let Some(better) = reversal::better_reversed(problem, start, &now, options, &strengths, chosen)? {
+        run.go_on_from(&better, chosen)?;
+        minimum = run.round("final, at the other depth", ENDED, usize::MAX);
+    } else if !minimum.stop.converged() {
+        minimum = run.round("final, continued", ENDED, usize::MAX);
+    }
     let mut estimate = run.model.estimate(problem, start, &run.values);
     look_where_they_drive(problem, &mut estimate);
     if !estimate.is_finite() || !minimum.cost.value.is_finite() {
@@ -245,13 +262,19 @@ impl Run<'_> {
     fn reselect_highest_points(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
         let now = self.model.estimate(self.problem, self.start, &self.values);
         if model::highest_points(self.problem, &now) != self.model.highest_points {
-            let mut model = Model::new(self.problem, self.start, &now, self.options);
-            model.set_image_loss(image_loss);
-            model.copy_motion(&self.model);
-            self.minimiser = Minimiser::new(&model.system)?;
-            self.values = model.system.start().clone();
-            self.model = model;
+            self.go_on_from(&now, image_loss)?;
         }
+        Ok(())
+    }
+
+    /// Takes another estimate, losses and strengths as they are.
+    fn go_on_from(&mut self, now: &Estimate, image_loss: Loss) -> Result<(), TooLarge> {
+        let mut model = Model::new(self.problem, self.start, now, self.options);
+        model.set_image_loss(image_loss);
+        model.copy_motion(&self.model);
+        self.minimiser = Minimiser::new(&model.system)?;
+        self.values = model.system.start().clone();
+        self.model = model;
         Ok(())
     }
 }
