@@ -76,6 +76,9 @@ const LONGER: f64 = 1.4;
 const MOST_DOUBLINGS: usize = 8;
 /// The shortest share of a step that is tried before the step is damped.
 const LEAST_SHARE: f64 = 0.2;
+/// A step that promises less than this share of the cost and does not keep it is the last: the cost may
+/// jump by more, where the slope of a terrain grid does.
+const NO_GAIN: f64 = 2e-9;
 /// Changes of the cost below this share of it are rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -89,7 +92,8 @@ pub enum Stop {
         /// What it was held against.
         limit: f64,
     },
-    /// The predicted decrease is below rounding: no step can be told from none.
+    /// The predicted decrease is below rounding, or nearly so and does not come: no step can be told from
+    /// none.
     AtRounding {
         /// Predicted decrease as a share of the cost.
         relative: f64,
@@ -475,6 +479,9 @@ impl Minimiser {
         } else if predicted <= rounding {
             let relative = predicted / state.cost.value.max(f64::MIN_POSITIVE);
             (record, Some(Stop::AtRounding { relative, limit: ROUNDING }))
+        } else if self.damping <= self.options.hardly_damped && predicted < NO_GAIN * state.cost.value {
+            let relative = predicted / state.cost.value;
+            (record, Some(Stop::AtRounding { relative, limit: NO_GAIN }))
         } else {
             self.reject();
             (record, stalled)

@@ -93,9 +93,8 @@ const LONG_WAY: usize = 6;
 const FOLLOWED: f64 = 1e-2;
 /// The most iterations of a round before the last.
 const ROUND_ITERATIONS: usize = 10;
-/// The last round ends when a step lowers the cost by less: in the narrow valleys of bodies that hardly turn
-/// many small steps are still a way.
-const ENDED: f64 = 1e-9;
+/// The last round ends when a step lowers the cost by less.
+const ENDED: f64 = 1e-8;
 /// A body may be at the wrong one of two depths ([`reversal`]), which is looked for after so many iterations
 /// of the last round, if it has not ended before: in a wrong minimum it may go on for long.
 const BEFORE_REVERSAL: usize = 25;
