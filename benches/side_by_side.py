@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the examples `bal` and `mvba` and Ceres side by side, and prints a table of ratios.
 
-    python3 benches/side_by_side.py [--runs 3] [--textbook] [--bal FILE ...]
+    python3 benches/side_by_side.py [--runs 3] [--textbook] [--fleet] [--bal FILE ...]
 
 Builds both (Ceres needs g++, make, libceres-dev, libopenblas0-pthread, as Debian has them), makes the
 problems that it can make (with numpy) in target/peers, and runs each pair in turn, `--runs` times. BAL files
@@ -11,9 +11,11 @@ file, as each program reports them; of several settings of Ceres the fastest cou
 import argparse
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,6 +40,24 @@ def ceres(program, file, loss, *settings):
     return {"wall": d["wall_s"], "cpu": d["cpu_s"], "mib": d["rss_mib"], "cost": d["final"], "iterations": d["iters"]}
 
 
+def fleet(runs):
+    """20 vehicles of 60 points in 900 frames, by the program itself; nothing to compare with."""
+    problem, result = WORK / "fleet", WORK / "fleet-result"
+    if not problem.exists():
+        subprocess.run([sys.executable, ROOT / "benches/peers/gen_fleet.py", "20", "60", "900", problem], check=True)
+    found = []
+    for _ in range(runs):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        begin = time.monotonic()
+        run([ROOT / "target/release/trackbundle", "refine", problem, "--out", result, "--no-rrd", "--threads", "2"])
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        report = json.loads((result / "report.json").read_text())
+        found.append({"wall": time.monotonic() - begin, "cpu": after.ru_utime + after.ru_stime - before.ru_utime
+                      - before.ru_stime, "mib": after.ru_maxrss / 1024, "iterations": report["iterations"]})
+    found = middle(found)
+    print("fleet, whole command without recording: " + ", ".join(f"{k} {v:.1f}" for k, v in found.items()), flush=True)
+
+
 def middle(results):
     return {key: statistics.median(r[key] for r in results) for key in results[0]}
 
@@ -46,10 +66,11 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--runs", type=int, default=3)
     arguments.add_argument("--textbook", action="store_true", help="also points first, sparse, 600 frames (minutes)")
+    arguments.add_argument("--fleet", action="store_true", help="also 20 vehicles in 900 frames")
     arguments.add_argument("--bal", nargs="*", default=[], type=Path)
     arguments = arguments.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
-    subprocess.run(["cargo", "build", "--release", "--examples"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--release", "--examples", "--bins"], cwd=ROOT, check=True)
     sources = ROOT / "benches/peers"
     for program in ["ceres_bal", "ceres_mv"]:
         if not (WORK / program).exists():
@@ -65,6 +86,8 @@ def main():
         if not file.exists():
             subprocess.run([sys.executable, sources / command[0], *map(str, command[1:]), file], check=True)
 
+    if arguments.fleet:
+        fleet(arguments.runs)
     schur = [f"--solver={kind}_schur" for kind in ["dense", "sparse", "iterative"]]
     rows = []
     for frames in [150, 600, 1800]:

@@ -40,6 +40,21 @@ static NOISY: LazyLock<(TempDir, PathBuf)> =
 static EXACT: LazyLock<(TempDir, PathBuf)> =
     LazyLock::new(|| run("refine", &shipped("suv-exact"), &["--threads", "2"]));
 
+/// The drive from raw measurements, and what is printed.
+static RAW: LazyLock<(TempDir, PathBuf, String)> = LazyLock::new(|| {
+    let place = tempfile::tempdir().unwrap();
+    let result = place.path().join("result");
+    let mut program = program();
+    program.arg("refine").arg(shipped("drive-60s")).arg("--out").arg(&result).args([
+        "--no-rrd",
+        "--threads",
+        "2",
+    ]);
+    let output = program.output().unwrap();
+    assert!(output.status.success());
+    (place, result, String::from_utf8(output.stdout).unwrap())
+});
+
 fn scored(result: &Path, problem: &str) -> Score {
     let score = score(result, &shipped(problem).join("truth"), "car1");
     assert_eq!(score.points, 401);
@@ -69,13 +84,10 @@ fn exact_poses_give_the_shape_of_the_paper() {
 #[test]
 fn a_drive_from_raw_measurements_is_found_and_adjusted() {
     let problem = shipped("drive-60s");
-    let scored = |command| {
-        let (_place, result) = run(command, &problem, &["--threads", "2"]);
-        score(&result, &problem.join("truth"), "car1")
-    };
-    let initial = scored("initialise");
+    let (_place, initial) = run("initialise", &problem, &["--threads", "2"]);
+    let initial = score(&initial, &problem.join("truth"), "car1");
     assert!(initial.marker_rms_xy_m < 0.1 && initial.heading_p95_deg < 3.0, "{initial:?}");
-    let adjusted = scored("refine");
+    let adjusted = score(&RAW.1, &problem.join("truth"), "car1");
     assert!(adjusted.marker_mad_x_m < 0.016 && adjusted.marker_mad_y_m < 0.016, "{adjusted:?}");
     assert!(adjusted.marker_rms_xy_m < 0.025 && adjusted.heading_p95_deg < 1.0, "{adjusted:?}");
     assert!(adjusted.speed_mad_mps < 0.016, "{adjusted:?}");
@@ -264,17 +276,30 @@ fn the_cart_can_be_checked_by_hand() {
 #[test]
 fn the_readme_shows_what_is_printed() {
     let readme = std::fs::read_to_string(in_package("README.md")).unwrap();
-    let shown = readme.split_once("<!-- output -->\n```\n").unwrap().1.split_once("```").unwrap().0;
+    let block = |name: &str| {
+        let begin = format!("<!-- {name} -->\n```\n");
+        readme.split_once(begin.as_str()).unwrap().1.split_once("```").unwrap().0
+    };
     let place = tempfile::tempdir().unwrap();
     copy_folder(&shipped("suv-noisy"), &place.path().join("problems/suv-noisy"));
     let mut program = program();
     program.current_dir(place.path()).args(["refine", "problems/suv-noisy", "--no-rrd"]);
     let output = program.output().unwrap();
     let printed = [output.stderr, output.stdout].map(|stream| String::from_utf8(stream).unwrap()).concat();
+    assert_alike(block("output"), &printed);
+    let shown = block("raw");
+    let first_words: Vec<&str> = shown.lines().filter_map(|line| line.split(' ').next()).collect();
+    let lines = RAW.2.lines().filter(|line| first_words.iter().any(|word| line.starts_with(word)));
+    assert_alike(shown, &lines.collect::<Vec<_>>().join("\n"));
+}
+
+/// Asserts that both have the same words and nearly the same numbers.
+#[track_caller]
+fn assert_alike(shown: &str, printed: &str) {
     let words = |text: &str| -> Vec<String> {
         text.split([' ', '\n']).filter(|word| !word.is_empty()).map(str::to_owned).collect()
     };
-    let (shown, printed) = (words(shown), words(&printed));
+    let (shown, printed) = (words(shown), words(printed));
     assert_eq!(shown.len(), printed.len(), "{shown:?}\n{printed:?}");
     for (shown, printed) in shown.iter().zip(&printed) {
         let number = |word: &str| word.replace([',', '(', ')', ';'], "").parse::<f64>().ok();

@@ -18,7 +18,7 @@ use crate::problem::{PoseSigma, Problem};
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
 /// A body that turns more than this across the line of sight has one depth \[rad\].
-const MOST_TURN: f64 = 0.35;
+const MOST_TURN: f64 = 0.1;
 /// The most iterations of each of the two.
 const ITERATIONS: usize = 60;
 /// By what share of the cost the mirrored one must be better.
