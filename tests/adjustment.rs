@@ -575,3 +575,14 @@ fn a_gap_in_the_camera_poses_is_filled() {
         assert!(track_error(&end, &problem, 0, &truth) < 0.15, "{}", track_error(&end, &problem, 0, &truth));
     }
 }
+
+#[test]
+fn a_shape_whose_depth_is_open_is_said_to_be_so() {
+    for (motion, is_open) in [([0.0, 0.0], true), ([14.0, 0.25], false)] {
+        let (problem, _) =
+            problem(&Drive { motion, camera_error: [0.0; 2], vehicle_error: [0.0; 2], ..Default::default() });
+        let initial = initialise(&problem, Method::RobustWhereNeeded).unwrap();
+        let said = initial.warnings.iter().any(|warning| warning.contains("leave their depth open"));
+        assert_eq!(said, is_open, "{motion:?}: {:?}", initial.warnings);
+    }
+}

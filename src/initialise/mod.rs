@@ -88,9 +88,10 @@ pub fn initialise_within(
         warnings.extend(poses.warnings);
         let mut estimate = VehicleEstimate { poses: poses.poses, ..VehicleEstimate::without_points(vehicle) };
         estimate.bridge_gaps(problem, vehicle);
-        robust_points += find_shape(problem, &camera_poses, vehicle, &mut estimate, method);
+        let counts = find_shape(problem, &camera_poses, vehicle, &mut estimate, method);
+        robust_points += counts.robust;
         estimate.left_out = no_poses.or_else(|| reason_to_leave_out(problem, vehicle, &estimate));
-        warn_of_points(vehicle, &estimate, &mut warnings);
+        warn_of_points(vehicle, &estimate, counts.without_depth, &mut warnings);
         vehicles.push(estimate);
     }
     let mut estimate =
@@ -147,18 +148,19 @@ pub fn start_anew(problem: &Problem, start: &Estimate) -> Option<Estimate> {
     changed.contains(&true).then_some(anew)
 }
 
-/// Gives a vehicle its shape; returns how many points needed the robust fit.
+/// Gives a vehicle its shape.
 fn find_shape(
     problem: &Problem,
     camera_poses: &[Pose],
     vehicle: &Vehicle,
     estimate: &mut VehicleEstimate,
     method: Method,
-) -> usize {
+) -> ShapeCounts {
     let fits = shape(problem, camera_poses, vehicle, estimate, method);
     estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
     estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
-    fits.iter().flatten().filter(|fit| fit.robust).count()
+    let count = |of: fn(&Fit) -> bool| fits.iter().flatten().filter(|fit| of(fit)).count();
+    ShapeCounts { robust: count(|fit| fit.robust), without_depth: count(|fit| fit.has_no_depth) }
 }
 
 /// `world_from_camera` of each frame, and how those were found that were not given.
@@ -189,6 +191,14 @@ struct Fit {
     point: Point3<f64>,
     robust: bool,
     is_open: bool,
+    /// Whether its depth were open even if the poses were right.
+    has_no_depth: bool,
+}
+
+/// How many points of a shape needed the robust fit, and how many have no depth.
+struct ShapeCounts {
+    robust: usize,
+    without_depth: usize,
 }
 
 fn shape(
@@ -231,7 +241,8 @@ fn shape(
             let robust = is_suspect.then(|| robust_dlt::solve(&linear, HUBER)).flatten();
             let point = robust.unwrap_or(plain);
             let spread = linear.spread(&point);
-            let is_open = linear.largest_sigma_m() * spread > OPEN_DEPTH_M;
+            let sigma_m = linear.largest_sigma_m();
+            let (is_open, has_no_depth) = (sigma_m * spread > OPEN_DEPTH_M, sigma_m > OPEN_DEPTH_M);
             let system = if is_open { linear.drawn_to_body(spread) } else { linear };
             let point = match (robust, is_open) {
                 // Good rays scatter with the starting poses, all points of a frame alike; gross errors
@@ -240,7 +251,7 @@ fn shape(
                 (None, true) => system.solve()?,
                 (None, false) => plain,
             };
-            Some(Fit { point, robust: robust.is_some(), is_open })
+            Some(Fit { point, robust: robust.is_some(), is_open, has_no_depth })
         })
         .collect()
 }
@@ -285,7 +296,12 @@ fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleE
     }
 }
 
-fn warn_of_points(vehicle: &Vehicle, estimate: &VehicleEstimate, warnings: &mut Vec<String>) {
+fn warn_of_points(
+    vehicle: &Vehicle,
+    estimate: &VehicleEstimate,
+    without_depth: usize,
+    warnings: &mut Vec<String>,
+) {
     if let Some(reason) = &estimate.left_out {
         warnings.push(format!("vehicle {} is left out: {reason}", vehicle.id));
         return;
@@ -302,6 +318,13 @@ fn warn_of_points(vehicle: &Vehicle, estimate: &VehicleEstimate, warnings: &mut 
     if lost > 0 {
         warnings.push(format!(
             "vehicle {}: points whose rays do not meet, which get no coordinates: {lost}",
+            vehicle.id
+        ));
+    }
+    let found = estimate.points.iter().flatten().count();
+    if 2 * without_depth > found {
+        warnings.push(format!(
+            "vehicle {}: the rays to {without_depth} of its {found} points leave their depth open: it hardly turns under the camera, and its shape is not determined along the line of sight",
             vehicle.id
         ));
     }
