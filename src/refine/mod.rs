@@ -242,14 +242,7 @@ impl Run<'_> {
     /// two ends the one of lower cost.
     fn approach_anew(&mut self, loss: Loss, cost: f64) -> Result<(), TooLarge> {
         let Some(anew) = start_anew(self.problem, self.start) else { return Ok(()) };
-        let mut model = Model::new(self.problem, self.start, &anew, self.options);
-        model.set_image_loss(loss);
-        let values = model.system.start().clone();
-        let before = (
-            std::mem::replace(&mut self.minimiser, Minimiser::new(&model.system)?),
-            std::mem::replace(&mut self.model, model),
-            std::mem::replace(&mut self.values, values),
-        );
+        let before = self.go_on_from(&anew, loss)?;
         let minimum = self.round("approach from found poses", APPROACHED, ROUND_ITERATIONS);
         if minimum.cost.value >= cost {
             (self.minimiser, self.model, self.values) = before;
@@ -266,14 +259,20 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Takes another estimate, losses and strengths as they are.
-    fn go_on_from(&mut self, now: &Estimate, image_loss: Loss) -> Result<(), TooLarge> {
+    /// Takes another estimate, losses and strengths as they are; returns what was before.
+    fn go_on_from(
+        &mut self,
+        now: &Estimate,
+        image_loss: Loss,
+    ) -> Result<(Minimiser, Model, Values), TooLarge> {
         let mut model = Model::new(self.problem, self.start, now, self.options);
         model.set_image_loss(image_loss);
         model.copy_motion(&self.model);
-        self.minimiser = Minimiser::new(&model.system)?;
-        self.values = model.system.start().clone();
-        self.model = model;
-        Ok(())
+        let values = model.system.start().clone();
+        Ok((
+            std::mem::replace(&mut self.minimiser, Minimiser::new(&model.system)?),
+            std::mem::replace(&mut self.model, model),
+            std::mem::replace(&mut self.values, values),
+        ))
     }
 }

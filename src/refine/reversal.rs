@@ -40,13 +40,18 @@ pub fn better_reversed(
     for (at, vehicle) in problem.vehicles.iter().enumerate() {
         let Some(mirrored) = reversed(&now.camera_poses, &now.vehicles[at]) else { continue };
         let exact = PoseSigma { position_m: Some(0.0), rotation_rad: [Some(0.0); 3] };
+        // Field by field: the other vehicles are not copied.
         let alone = Problem {
+            name: problem.name.clone(),
+            camera: problem.camera.clone(),
+            frames: problem.frames.clone(),
+            vehicle_pose_sigma: problem.vehicle_pose_sigma,
+            ground: problem.ground.clone(),
             camera_poses: now.camera_poses.iter().copied().map(Some).collect(),
             camera_pose_sigma: exact,
             targets: Vec::new(),
             target_observations: Vec::new(),
             vehicles: vec![vehicle.clone()],
-            ..problem.clone()
         };
         let with = |of: &Estimate, vehicle: &VehicleEstimate| Estimate {
             camera_poses: now.camera_poses.clone(),

@@ -108,13 +108,13 @@ impl PoseChain {
                 forward(self.block(t, 0), &mut x[t]);
                 for k in 1..=self.below(t) {
                     let own = x[t];
-                    subtract(self.block(t, k), &own, &mut x[t + k]);
+                    add(-1.0, self.block(t, k), &own, &mut x[t + k]);
                 }
             }
             for t in (0..x.len()).rev() {
                 for k in 1..=self.below(t) {
                     let later = x[t + k];
-                    subtract_transposed(self.block(t, k), &later, &mut x[t]);
+                    add_transposed(-1.0, self.block(t, k), &later, &mut x[t]);
                 }
                 backward(self.block(t, 0), &mut x[t]);
             }
@@ -128,10 +128,10 @@ impl PoseChain {
             let x = x.as_slice().as_chunks::<POSE>().0;
             let out = out.as_mut_slice().as_chunks_mut::<POSE>().0;
             for t in 0..x.len() {
-                add(self.block(t, 0), &x[t], &mut out[t]);
+                add(1.0, self.block(t, 0), &x[t], &mut out[t]);
                 for k in 1..=self.below(t) {
-                    add(self.block(t, k), &x[t], &mut out[t + k]);
-                    add_transposed(self.block(t, k), &x[t + k], &mut out[t]);
+                    add(1.0, self.block(t, k), &x[t], &mut out[t + k]);
+                    add_transposed(1.0, self.block(t, k), &x[t + k], &mut out[t]);
                 }
             }
         }
@@ -284,38 +284,22 @@ fn backward(factor: &Matrix6<f64>, x: &mut [f64; POSE]) {
     }
 }
 
+/// `out += sign * block * x`
 #[inline(always)]
-fn add(block: &Matrix6<f64>, x: &[f64; POSE], out: &mut [f64; POSE]) {
+fn add(sign: f64, block: &Matrix6<f64>, x: &[f64; POSE], out: &mut [f64; POSE]) {
     for j in 0..POSE {
         for i in 0..POSE {
-            out[i] += block[(i, j)] * x[j];
+            out[i] += sign * block[(i, j)] * x[j];
         }
     }
 }
 
+/// `out += sign * block^T * x`
 #[inline(always)]
-fn add_transposed(block: &Matrix6<f64>, x: &[f64; POSE], out: &mut [f64; POSE]) {
+fn add_transposed(sign: f64, block: &Matrix6<f64>, x: &[f64; POSE], out: &mut [f64; POSE]) {
     for i in 0..POSE {
         for j in 0..POSE {
-            out[i] += block[(j, i)] * x[j];
-        }
-    }
-}
-
-#[inline(always)]
-fn subtract(block: &Matrix6<f64>, x: &[f64; POSE], out: &mut [f64; POSE]) {
-    for j in 0..POSE {
-        for i in 0..POSE {
-            out[i] -= block[(i, j)] * x[j];
-        }
-    }
-}
-
-#[inline(always)]
-fn subtract_transposed(block: &Matrix6<f64>, x: &[f64; POSE], out: &mut [f64; POSE]) {
-    for i in 0..POSE {
-        for j in 0..POSE {
-            out[i] -= block[(j, i)] * x[j];
+            out[i] += sign * block[(j, i)] * x[j];
         }
     }
 }

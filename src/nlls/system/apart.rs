@@ -288,14 +288,14 @@ impl ApartFactor {
     }
 
     /// Factorises the normal matrix with `extra` on its diagonal.
-    pub fn factorise(&mut self, frames: &Frames, normal: &Normal, extra: &[f64]) -> Result<(), Singular> {
+    pub fn factorise(&mut self, normal: &Normal, extra: &[f64]) -> Result<(), Singular> {
         let linear = normal.frames.as_ref().expect("linearised by frames");
         self.take_matrix(normal, extra);
         self.threads.install(|| {
             self.bodies
                 .par_iter_mut()
                 .zip(&linear.coupling)
-                .try_for_each(|(body, coupling)| body.factorise(linear, coupling, frames.shape))
+                .try_for_each(|(body, coupling)| body.factorise(linear, coupling))
         })?;
         self.factorise_stand_in(linear)
     }
@@ -568,8 +568,7 @@ fn set(chain: &mut PoseChain, (s, i): (u32, u8), (t, j): (u32, u8), value: f64) 
 }
 
 impl Interior {
-    fn factorise(&mut self, linear: &FramesLinear, coupling: &[f64], shape: usize) -> Result<(), Singular> {
-        debug_assert!(self.shape.end <= shape);
+    fn factorise(&mut self, linear: &FramesLinear, coupling: &[f64]) -> Result<(), Singular> {
         self.factor.copy_from(&self.prior);
         for (moment, &(place, observer)) in self.moments.iter().enumerate() {
             let (h, _, turn) = &linear.bodies[place];

@@ -533,7 +533,7 @@ impl FramesFactor {
         self.extra.extend_from_slice(extra);
         match &mut self.kind {
             Kind::Together(factor) => factor.factorise(frames, normal, extra),
-            Kind::Apart(factor) => factor.factorise(frames, normal, extra),
+            Kind::Apart(factor) => factor.factorise(normal, extra),
         }
     }
 
