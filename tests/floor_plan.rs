@@ -21,6 +21,7 @@ const PLAN: &[(u32, &str, &[&str])] = &[
     (3, "nlls/residual", &["nlls/manifold"]),
     (4, "nlls/system", &["nlls/linear", "nlls/loss", "nlls/manifold", "nlls/residual", "geometry"]),
     (5, "nlls/minimise", &["nlls/linear", "nlls/loss", "nlls/manifold", "nlls/residual", "nlls/system"]),
+    (5, "nlls/covariance", &["nlls/linear", "nlls/system"]),
     (3, "problem", &["camera", "terrain", "geometry"]),
     (3, "reference", &["geometry", "tables"]),
     (4, "residuals", &["camera", "terrain", "geometry", "nlls/residual", "nlls/manifold"]),

@@ -12,9 +12,8 @@
 //! A step is judged by the true robust cost. The damping follows Nielsen, *Damping parameter in
 //! Marquardt's method*, IMM-REP-1999-05.
 
-use super::linear::cholesky::{Cholesky, Singular, TooLarge};
-use super::linear::matrix::BlockMatrix;
-use super::system::{Accuracy, Cost, Curvature, FramesFactor, Normal, Step, System, Values};
+use super::linear::cholesky::{Singular, TooLarge};
+use super::system::{Accuracy, Cost, Curvature, Factors, Normal, Step, System, Values};
 use argmin::core::observers::{Observe, ObserverMode};
 use argmin::core::{Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use std::collections::HashMap;
@@ -197,43 +196,6 @@ pub struct StageSeconds {
 /// Where the minimiser reports each iteration.
 pub type Watch = Box<dyn FnMut(&IterationRecord)>;
 
-/// The factors of the normal matrix of a system.
-pub enum Factors {
-    /// Sparse.
-    Sparse {
-        /// The damped matrix, where it is not formed with its damping at once.
-        damped: Option<BlockMatrix>,
-        /// Its factor.
-        cholesky: Box<Cholesky>,
-    },
-    /// Frames first.
-    Frames(Box<FramesFactor>),
-}
-
-impl Factors {
-    fn factorise(&mut self, system: &System, normal: &mut Normal, extra: &[f64]) -> Result<(), Singular> {
-        match self {
-            Factors::Sparse { damped: Some(damped), cholesky } => {
-                damped.copy_with_diagonal(&normal.matrix, extra);
-                cholesky.factorise(damped)
-            }
-            Factors::Sparse { damped: None, cholesky } => {
-                normal.matrix.add_to_diagonal(extra);
-                cholesky.factorise(&normal.matrix)
-            }
-            Factors::Frames(factor) => system.factorise_frames(normal, extra, factor),
-        }
-    }
-
-    /// Solves for right-hand sides in elimination order, in place.
-    pub fn solve(&mut self, system: &System, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
-        match self {
-            Factors::Sparse { cholesky, .. } => cholesky.solve(b),
-            Factors::Frames(factor) => system.solve_frames(normal, factor, accuracy, b),
-        }
-    }
-}
-
 /// The minimiser of one system, with its workspace: the symbolic factorisation is made once, and the
 /// last factors stay for those who want variances.
 pub struct Minimiser {
@@ -255,13 +217,7 @@ impl Minimiser {
     /// A minimiser of `system`.
     pub fn new(system: &System) -> Result<Self, TooLarge> {
         let normal = system.normal();
-        let factors = if system.has_frames() {
-            Factors::Frames(Box::new(system.frames_factor()?))
-        } else {
-            let cholesky = Box::new(Cholesky::analyse(&normal.matrix)?);
-            let damped = (!system.has_leaves()).then(|| normal.matrix.clone());
-            Factors::Sparse { damped, cholesky }
-        };
+        let factors = Factors::new(system)?;
         Ok(Minimiser {
             options: MinimiserOptions::default(),
             normal,

@@ -3,6 +3,7 @@
 //! Minimised is `sum over measurements of rho(|r|^2) / 2`, where `r` is a whitened residual
 //! (divided by its standard deviation) and `rho` a robust loss.
 
+pub mod covariance;
 pub mod linear;
 pub mod loss;
 pub mod manifold;

@@ -68,6 +68,11 @@ impl Chain {
         self.starts[step]
     }
 
+    /// Behind the last scalar of a step.
+    pub fn end(&self, step: usize) -> usize {
+        self.starts[step + 1]
+    }
+
     /// Sets everything to zero.
     pub fn clear(&mut self) {
         self.blocks.iter_mut().flatten().for_each(|block| block.fill(0.0));
@@ -128,6 +133,66 @@ impl Chain {
             }
             self.blocks[t][0].tr_solve_lower_triangular_mut(&mut own);
             b.rows_mut(start, size).copy_from(&own);
+        }
+    }
+
+    /// Blocks of `H^-1` within the band, laid out as those of the matrix, after the factorisation (Takahashi,
+    /// Fagan and Chin, 1973): from `Z L = L^-T`, step by step from the last to the first,
+    ///
+    /// ```text
+    /// Z_st = (delta_st L_tt^-T - sum_j Z_s,t+j L_t+j,t) L_tt^-1       j = 1 .. band
+    /// ```
+    pub fn selected_inverse(&self) -> Vec<Vec<DMatrix<f64>>> {
+        let mut inverse: Vec<Vec<DMatrix<f64>>> = vec![Vec::new(); self.dims.len()];
+        for (t, column) in self.blocks.iter().enumerate().rev() {
+            let (factor, below) = column.split_first().expect("a diagonal block");
+            let mut found = vec![DMatrix::identity(factor.nrows(), factor.nrows())];
+            for k in 1..column.len() {
+                let mut sum = DMatrix::zeros(column[k].nrows(), factor.ncols());
+                for (j, block) in (1..).zip(below) {
+                    if k >= j {
+                        sum.gemm(-1.0, &inverse[t + j][k - j], block, 1.0);
+                    } else {
+                        sum.gemm_tr(-1.0, &inverse[t + k][j - k], block, 1.0);
+                    }
+                }
+                found.push(divided(sum, factor));
+            }
+            let (own, others) = found.split_first_mut().expect("a diagonal block");
+            factor.tr_solve_lower_triangular_mut(own);
+            for (z, block) in others.iter().zip(below) {
+                own.gemm_tr(-1.0, z, block, 1.0);
+            }
+            let square = divided(std::mem::take(own), factor);
+            *own = (&square + square.transpose()) * 0.5;
+            inverse[t] = found;
+        }
+        inverse
+    }
+
+    /// Replaces `B` by `B H^-1`, after the factorisation: [`Chain::solve`] for rows instead of columns.
+    pub fn solve_rows(&self, b: &mut DMatrix<f64>) {
+        let steps = self.dims.len();
+        let range = |t: usize| (self.starts[t], self.starts[t + 1] - self.starts[t]);
+        for t in 0..steps {
+            let (start, size) = range(t);
+            let mut own = b.columns(start, size).transpose();
+            self.blocks[t][0].solve_lower_triangular_mut(&mut own);
+            let own = own.transpose();
+            b.columns_mut(start, size).copy_from(&own);
+            for (k, block) in self.blocks[t].iter().enumerate().skip(1) {
+                let (start, size) = range(t + k);
+                b.columns_mut(start, size).gemm(-1.0, &own, &block.transpose(), 1.0);
+            }
+        }
+        for t in (0..steps).rev() {
+            let (start, size) = range(t);
+            let mut own = b.columns(start, size).into_owned();
+            for (k, block) in self.blocks[t].iter().enumerate().skip(1) {
+                let (start, size) = range(t + k);
+                own.gemm(-1.0, &b.columns(start, size), block, 1.0);
+            }
+            b.columns_mut(start, size).copy_from(&divided(own, &self.blocks[t][0]));
         }
     }
 
@@ -241,6 +306,14 @@ impl Chain {
             first = last;
         }
     }
+}
+
+/// `A L^-1`.
+fn divided(a: DMatrix<f64>, factor: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut transposed = a.transpose();
+    let solved = factor.tr_solve_lower_triangular_mut(&mut transposed);
+    debug_assert!(solved);
+    transposed.transpose()
 }
 
 /// The square lower triangle `L` with `L L^T = A A^T`, for an `A` of as many columns as rows or more.
@@ -410,6 +483,16 @@ mod tests {
             chain.solve(&mut x);
             let wanted = &inverse * &b;
             assert!((&x - &wanted).norm() < 1e-11 * wanted.norm(), "{dims:?} {band}");
+            let mut rows = b.transpose();
+            chain.solve_rows(&mut rows);
+            assert!((rows.transpose() - &wanted).norm() < 1e-11 * wanted.norm(), "{dims:?} {band}");
+            for (t, column) in chain.selected_inverse().iter().enumerate() {
+                assert_eq!(column.len(), chain.blocks[t].len());
+                for (k, block) in column.iter().enumerate() {
+                    let wanted = inverse.view((chain.starts[t + k], chain.starts[t]), block.shape());
+                    assert!((block - wanted).norm() < 1e-11 * inverse.norm(), "{dims:?} {band}: {t} {k}");
+                }
+            }
 
             // The border sees the y alone. More rows than one task takes.
             let m = BORDER_ROWS + 5;

@@ -237,6 +237,44 @@ impl DenseCholesky {
         })
     }
 
+    /// The inverse of the matrix, after the factorisation.
+    pub fn inverse(&mut self) -> DMatrix<f64> {
+        let mut inverse = DMatrix::identity(self.matrix.nrows(), self.matrix.nrows());
+        self.solve(&mut inverse);
+        inverse
+    }
+
+    /// `A B` on the threads of this factor, for a `B` of so many columns that comes in pieces of rows.
+    pub fn product(&self, a: &DMatrix<f64>, pieces: &[&[f64]], columns: usize) -> DMatrix<f64> {
+        const ROWS: usize = 128;
+        let mut product = DMatrix::zeros(a.nrows(), columns);
+        if columns == 0 {
+            return product;
+        }
+        let n = a.nrows();
+        let factor = MatRef::from_column_major_slice(a.as_slice(), n, a.ncols());
+        let mut left = MatMut::from_column_major_slice_mut(product.as_mut_slice(), n, columns);
+        let mut tasks = Vec::with_capacity(n.div_ceil(ROWS));
+        for first in (0..n).step_by(ROWS) {
+            let (own, rest) = left.split_at_row_mut(ROWS.min(n - first));
+            tasks.push((first, own));
+            left = rest;
+        }
+        self.threads.install(|| {
+            tasks.into_par_iter().for_each(|(first, mut own)| {
+                let mut at = 0;
+                for piece in pieces {
+                    let rows = piece.len() / columns;
+                    let part = factor.submatrix(first, at, own.nrows(), rows);
+                    let piece = MatRef::from_column_major_slice(piece, rows, columns);
+                    faer::linalg::matmul::matmul(own.as_mut(), Accum::Add, part, piece, 1.0, Par::Seq);
+                    at += rows;
+                }
+            });
+        });
+        product
+    }
+
     /// Solves for the columns of `b` in place.
     pub fn solve(&mut self, b: &mut DMatrix<f64>) {
         let DenseCholesky { matrix, workspace, threads, .. } = self;

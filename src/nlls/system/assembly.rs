@@ -164,6 +164,11 @@ impl Gather {
 }
 
 impl Linear {
+    /// The Jacobian of an item by some of its columns, column after column.
+    pub(super) fn columns(&self, item: usize, start: usize, count: usize) -> &[f64] {
+        &self.jacobians[(item * self.columns + start) * self.rows..][..count * self.rows]
+    }
+
     fn columns_of(&self, share: &Share, start: u8, count: usize) -> &[f64] {
         let first = share.item as usize * self.columns + start as usize;
         &self.jacobians[first * self.rows..][..count * self.rows]

@@ -27,6 +27,7 @@
 use super::apart::{self, ApartFactor};
 use super::group::AnyGroup;
 use super::leaves::Local;
+use super::selected::{Leverage, SelectedFrames};
 use super::together::TogetherFactor;
 use super::{Block, BlockId, Curvature, Normal, System, Values};
 use crate::nlls::linear::cholesky::{Singular, TooLarge};
@@ -142,7 +143,7 @@ pub(super) struct BodyAtStep {
     /// Block of its pose.
     pub block: usize,
     /// Its image points: group and item.
-    items: Vec<(u32, u32)>,
+    pub items: Vec<(u32, u32)>,
     /// Where its coupling is kept.
     pub home: usize,
 }
@@ -553,6 +554,20 @@ impl FramesFactor {
         }
         self.solve_once(frames, normal, b, refined);
         b.iter_mut().zip(x).for_each(|(b, x)| *b += x);
+    }
+
+    /// Selected blocks of the inverse, after the factorisation at `values`; `None` where bodies are apart.
+    pub(super) fn selected(
+        &mut self,
+        frames: &Frames,
+        system: &System,
+        values: &Values,
+        normal: &Normal,
+    ) -> Option<(SelectedFrames, Vec<Leverage>)> {
+        match &mut self.kind {
+            Kind::Together(factor) => Some(factor.selected(frames, system, values, normal)),
+            Kind::Apart(_) => None,
+        }
     }
 
     fn solve_once(&mut self, frames: &Frames, normal: &Normal, b: &mut [f64], tolerance: f64) {

@@ -73,6 +73,8 @@ pub(super) trait AnyGroup: Send + Sync {
     fn cost(&self, system: &System, values: &Values) -> Cost;
     fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
     fn linear(&self) -> Linear;
+    /// `J x`, whitened and weighted, row by row.
+    fn product(&self, system: &System, values: &Values, x: &[f64]) -> Vec<f64>;
     fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear);
     /// Appends measurements that see this leaf, linearised.
     fn linearise_leaf(
@@ -324,6 +326,30 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
             residuals: vec![0.0; self.len() * ROWS],
             jacobians: vec![0.0; self.len() * ROWS * columns],
         }
+    }
+
+    fn product(&self, system: &System, values: &Values, x: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; self.len() * ROWS];
+        let chunks = self.measurements.par_chunks(CHUNK).zip(product.par_chunks_mut(CHUNK * ROWS));
+        chunks.for_each(|(measurements, out)| {
+            for (measurement, out) in measurements.iter().zip(out.chunks_exact_mut(ROWS)) {
+                let mut jacobian = Jacobian::zeros();
+                let Some(weighed) = self.weighed(measurement, system, values, 1.0, &mut jacobian) else {
+                    continue;
+                };
+                let mut sum = SVector::<f64, ROWS>::zeros();
+                for (block, jacobian) in measurement.blocks.iter().zip(&jacobian.0) {
+                    let Some(range) = system.range_of(*block) else { continue };
+                    for (column, (x, free)) in x[range].iter().zip(system.free(*block)).enumerate() {
+                        if *free {
+                            sum += weighed.column(jacobian, column) * *x;
+                        }
+                    }
+                }
+                out.copy_from_slice(sum.as_slice());
+            }
+        });
+        product
     }
 
     fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear) {

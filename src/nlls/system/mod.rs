@@ -5,16 +5,20 @@
 
 mod apart;
 mod assembly;
+mod factors;
 mod frames;
 mod group;
 mod leaves;
 mod orbit;
+mod selected;
 #[cfg(test)]
 mod tests;
 mod together;
 
+pub use factors::Factors;
 pub use frames::{Accuracy, Arrangement, FramesFactor, TimeStep};
 pub use group::{IMPOSSIBLE_SIGMAS, Measurement};
+pub use selected::SelectedInverse;
 
 use super::linear::cholesky::{Singular, TooLarge};
 use super::linear::matrix::{BlockMatrix, Pattern};
@@ -419,6 +423,17 @@ impl System {
         self.groups[group.0].squared_norms(self, values)
     }
 
+    /// `J x` for the whitened, weighted rows of a group at `values`, and `x` in elimination order.
+    pub fn product(&self, group: GroupId, values: &Values, x: &[f64]) -> Vec<f64> {
+        self.groups[group.0].product(self, values, x)
+    }
+
+    /// Where the perturbation of a block is in a step; `None` where the block is held.
+    pub fn range_of(&self, block: BlockId) -> Option<std::ops::Range<usize>> {
+        let start = self.step_start[block.0]?;
+        Some(start..start + self.blocks[block.0].manifold.tangent())
+    }
+
     /// Whether frames are eliminated first.
     pub fn has_frames(&self) -> bool {
         self.frames.is_some()
@@ -564,7 +579,8 @@ impl System {
         self.gather.transposed_product(group.0, linear, z, self)
     }
 
-    fn free(&self, block: BlockId) -> &[bool] {
+    /// Which components of a block are adjusted.
+    pub fn free(&self, block: BlockId) -> &[bool] {
         self.blocks[block.0].free()
     }
 }

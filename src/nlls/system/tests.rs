@@ -709,3 +709,91 @@ fn poses_that_are_held_in_part_are_not_eliminated_by_frames() {
     builder.along_time(vec![TimeStep { observer: Some(observer), bodies: vec![body] }], vec![sights]);
     assert!(!builder.build().has_frames());
 }
+
+/// The largest gap between blocks of the covariance and those of the dense inverse, relative to the standard
+/// deviations of their rows and columns, and how many were compared.
+fn worst_block(film: &System, whole: &System) -> (f64, usize) {
+    let normal = linearised(whole);
+    let mut inverse = dense(&normal.matrix).cholesky().unwrap().inverse();
+    for block in 0..whole.blocks.len() {
+        let Some(range) = whole.range_of(BlockId(block)) else { continue };
+        for (at, _) in range.zip(whole.free(BlockId(block))).filter(|(_, free)| !**free) {
+            inverse[(at, at)] = 0.0;
+        }
+    }
+    let mut of_film = linearised(film);
+    let mut factors = Factors::new(film).unwrap();
+    factors.factorise(film, &mut of_film, &vec![0.0; film.pattern.size()]).unwrap();
+    let selected = SelectedInverse::new(film, film.start(), &of_film, &mut factors).unwrap();
+    let (mut worst, mut count) = (0.0_f64, 0);
+    for a in (0..film.blocks.len()).map(BlockId) {
+        for b in (0..film.blocks.len()).map(BlockId) {
+            let Some(found) = selected.block(film, a, b) else { continue };
+            let (of_a, of_b) = (whole.range_of(a).unwrap(), whole.range_of(b).unwrap());
+            for (i, row) in of_a.enumerate() {
+                for (j, column) in of_b.clone().enumerate() {
+                    let scale = (inverse[(row, row)] * inverse[(column, column)]).sqrt();
+                    let gap = (found[(i, j)] - inverse[(row, column)]).abs();
+                    worst = worst.max(if scale > 0.0 { gap / scale } else { gap * 1e12 });
+                }
+            }
+            count += 1;
+        }
+    }
+    // Leverages are those of dense Jacobians.
+    for (index, group) in film.groups.iter().enumerate() {
+        let (rows, wanted) = (group.rows(), linearised_group(whole, &normal, index));
+        let found = selected.leverages(GroupId(index));
+        assert_eq!(found.len(), group.len() * rows * rows);
+        for (item, found) in found.chunks_exact(rows * rows).enumerate() {
+            let rows_of = wanted.rows(item * rows, rows);
+            let wanted = rows_of * &inverse * rows_of.transpose();
+            for (found, wanted) in found.iter().zip(wanted.as_slice()) {
+                worst = worst.max((found - wanted).abs());
+            }
+        }
+    }
+    (worst, count)
+}
+
+/// The Jacobian of a group, dense, from products with unit vectors.
+fn linearised_group(system: &System, normal: &Normal, group: usize) -> DMatrix<f64> {
+    let n = normal.matrix.size();
+    let mut jacobian = DMatrix::zeros(system.rows(GroupId(group)), n);
+    for column in 0..n {
+        let mut unit = vec![0.0; n];
+        unit[column] = 1.0;
+        jacobian.column_mut(column).copy_from_slice(&system.product(GroupId(group), system.start(), &unit));
+    }
+    jacobian
+}
+
+#[test]
+fn selected_blocks_and_leverages_are_those_of_the_dense_inverse() {
+    for held_observers in [false, true] {
+        for loss in [Loss::Squared, Loss::Huber { scale: 3.0 }, Loss::Tukey { scale: 200.0 }] {
+            let whole = film(None, held_observers, loss);
+            let film = film(Some(Arrangement::Together), held_observers, loss);
+            let (worst, count) = worst_block(&film, &whole);
+            assert!(worst < 1e-10, "{held_observers} {loss:?}: {worst:e}");
+            assert!(count > 200, "{count}");
+            let (worst, _) = worst_block(&whole, &whole);
+            assert!(worst < 1e-10, "{held_observers} {loss:?}: {worst:e}");
+        }
+    }
+}
+
+#[test]
+fn products_with_jacobians_are_those_of_their_transposes() {
+    let system = film(None, false, Loss::Huber { scale: 3.0 });
+    let normal = linearised(&system);
+    let n = normal.matrix.size();
+    let x: Vec<f64> = (0..n).map(|i| (0.3 * i as f64).sin()).collect();
+    for group in (0..system.groups.len()).map(GroupId) {
+        let z: Vec<f64> = (0..system.rows(group)).map(|i| (0.7 * i as f64).cos()).collect();
+        let forward: f64 = system.product(group, system.start(), &x).iter().zip(&z).map(|(a, b)| a * b).sum();
+        let back: f64 =
+            system.transposed_product(group, &normal, &z).iter().zip(&x).map(|(a, b)| a * b).sum();
+        assert!((forward - back).abs() < 1e-11 * forward.abs().max(1.0), "{forward} {back}");
+    }
+}

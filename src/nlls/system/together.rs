@@ -16,10 +16,10 @@ use nalgebra::DMatrix;
 
 /// The factors of a damped system.
 pub(super) struct TogetherFactor {
-    chain: Chain,
-    border: DenseCholesky,
+    pub chain: Chain,
+    pub border: DenseCholesky,
     /// `V` and `H^-1 V`.
-    rest: [DMatrix<f64>; 2],
+    pub rest: [DMatrix<f64>; 2],
 }
 
 impl TogetherFactor {
@@ -158,7 +158,7 @@ impl TogetherFactor {
 
 impl Frames {
     /// `T` of each step: `(c, v)` from `(c, y)`.
-    fn turns(&self, linear: &FramesLinear) -> Vec<DMatrix<f64>> {
+    pub(super) fn turns(&self, linear: &FramesLinear) -> Vec<DMatrix<f64>> {
         let mut body = linear.bodies.iter();
         let turn = |(step, &(c, y)): (&Step, &(usize, usize))| {
             let mut turn = DMatrix::identity(c + y, c + y);
