@@ -22,6 +22,7 @@ pub mod problem;
 pub mod reference;
 pub mod residuals;
 
+pub mod diagnose;
 pub mod estimate;
 
 pub mod files;

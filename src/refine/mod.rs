@@ -8,15 +8,18 @@
 //!    priors is estimated anew, until it no longer changes;
 //! 3. **final**: all strengths fixed, to full accuracy.
 
+mod body_frame;
 mod datum;
 mod model;
 mod motion;
 mod outcome;
 mod reversal;
 
+pub use body_frame::{BodyFrame, OPEN_M, body_frames, point_motion, pose_motion, step_of};
 pub use datum::scale_gap;
+pub use model::{Model, Source};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
-pub use outcome::{Adjustment, CheckPoint, Fits, OUTLIER_SIGMAS, ObservationFit, Round};
+pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
 
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
@@ -27,7 +30,7 @@ use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimu
 pub use crate::nlls::system::Arrangement;
 use crate::nlls::system::Values;
 use crate::problem::Problem;
-use model::Model;
+use model::Purpose;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 /// What a user may choose.
@@ -101,13 +104,51 @@ const BEFORE_REVERSAL: usize = 25;
 /// Motion strengths have settled when none changes by more than this factor.
 const SETTLED: f64 = 1.15;
 
-/// Adjusts `start`.
+/// Image points of other standard deviations than stated, by more than this factor, weigh what they prove
+/// to be worth.
+const REWEIGHTED: f64 = 1.1;
+/// Rows of image points from which that can be said.
+const LEAST_IMAGE_ROWS: usize = 200;
+/// Image points are weighed anew so many times at the most.
+const MOST_REWEIGHTINGS: usize = 5;
+
+/// The adjusted unknowns, and the least squares behind them.
+pub struct Adjusted {
+    /// The adjusted unknowns.
+    pub estimate: Estimate,
+    /// How it was found and how well image points fit.
+    pub adjustment: Adjustment,
+    /// The final least squares, where the statistics come from; `None` where it failed.
+    pub network: Option<Network>,
+}
+
+/// Least squares on accepted image points and what is known, at its minimum.
+pub struct Network {
+    /// The measurements.
+    pub model: Model,
+    /// The adjusted unknowns.
+    pub values: Values,
+    /// What holds the frames of vehicles.
+    pub frames: Vec<BodyFrame>,
+}
+
+/// Adjusts `start`; [`adjust`] without what its statistics come from.
 pub fn refine(
     problem: &Problem,
     start: &Estimate,
     options: &RefineOptions,
     progress: Option<ProgressSink>,
 ) -> Result<(Estimate, Adjustment), NoSolution> {
+    adjust(problem, start, options, progress).map(|adjusted| (adjusted.estimate, adjusted.adjustment))
+}
+
+/// Adjusts `start`.
+pub fn adjust(
+    problem: &Problem,
+    start: &Estimate,
+    options: &RefineOptions,
+    progress: Option<ProgressSink>,
+) -> Result<Adjusted, NoSolution> {
     if start.vehicles.iter().all(|vehicle| vehicle.left_out.is_some()) {
         let reasons: Vec<String> = problem
             .vehicles
@@ -119,7 +160,7 @@ pub fn refine(
     }
     let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
     let chosen = options.loss.with_scale(scale, options.loss_shape);
-    let model = Model::new(problem, start, start, options);
+    let model = Model::new(problem, start, start, options, Purpose::Adjustment);
     let mut run = Run {
         problem,
         progress,
@@ -178,16 +219,30 @@ pub fn refine(
         // Of all rounds together.
         *limit = options.max_iterations;
     }
-    let end = outcome::End { model: &run.model, minimum, rounds: run.rounds, spread, image_loss: chosen };
-    let mut adjustment = outcome::summarise(problem, start, &estimate, end);
-    if adjustment.rms_px[0].is_none() {
+    let fits = Fits::new(problem, &estimate, chosen, spread);
+    if fits.inside(problem)[0].is_empty() {
         return Err(NoSolution(
             "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
                 .to_owned(),
         ));
     }
-    outcome::drop_rejected_points(problem, &mut estimate, &mut adjustment);
-    Ok((estimate, adjustment))
+    let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);
+    let robust = estimate.clone();
+    let network = run.least_squares(&mut estimate, &fits)?;
+    let fits = if network.is_some() { Fits::new(problem, &estimate, chosen, spread) } else { fits };
+    let end = outcome::End {
+        model: &run.model,
+        minimum,
+        rounds: run.rounds,
+        spread,
+        image_loss: chosen,
+        fits,
+        robust: &robust,
+        network: network.as_ref(),
+    };
+    let mut adjustment = outcome::summarise(problem, start, &estimate, end);
+    adjustment.warnings.extend(dropped);
+    Ok(Adjusted { estimate, adjustment, network })
 }
 
 /// Turns the frames of vehicles that nothing else turns, so that their x axes point where they drive: a
@@ -238,6 +293,66 @@ impl Run<'_> {
         minimum
     }
 
+    /// Least squares on the image points that fit, from `estimate`, which it moves. Image points whose scatter
+    /// is another than stated are weighed by it, and motion anew with them. `None`, and nothing moved, where
+    /// that cannot be solved.
+    fn least_squares(&mut self, estimate: &mut Estimate, fits: &Fits) -> Result<Option<Network>, NoSolution> {
+        let values = self.model.values(estimate);
+        let frames = body_frames(self.problem, estimate, &self.model, &values);
+        let purpose = Purpose::Statistics { fits, frames: &frames };
+        let mut model = Model::new(self.problem, self.start, estimate, self.options, purpose);
+        model.copy_motion(&self.model);
+        self.values = model.system.start().clone();
+        self.minimiser = Minimiser::new(&model.system)?;
+        let robust = std::mem::replace(&mut self.model, model);
+        let name = "least squares";
+        let mut minimum = self.round(name, ENDED, ROUND_ITERATIONS);
+        for _ in 0..MOST_REWEIGHTINGS {
+            if !self.reweigh() {
+                break;
+            }
+            self.model.estimate_motion(&mut self.minimiser, &self.values)?;
+            minimum = self.round("least squares, weighed anew", ENDED, ROUND_ITERATIONS);
+        }
+        let found = self.model.estimate(self.problem, self.start, &self.values);
+        let model = std::mem::replace(&mut self.model, robust);
+        if !found.is_finite() || matches!(minimum.stop, Stop::Stalled { .. }) {
+            return Ok(None);
+        }
+        *estimate = found;
+        let values = std::mem::take(&mut self.values);
+        let frames = body_frames(self.problem, estimate, &model, &values)
+            .into_iter()
+            .zip(frames)
+            // Where the frame was held stays as it was chosen.
+            .map(|(now, before)| BodyFrame { anchors: before.anchors, ..now })
+            .collect();
+        Ok(Some(Network { model, values, frames }))
+    }
+
+    /// Weighs image points by their scatter; whether that changed much.
+    fn reweigh(&mut self) -> bool {
+        let rows = self.model.image_rows(&self.values);
+        let all: usize = rows.iter().map(|r| r.0).sum();
+        // Each kind has about its share of the unknowns.
+        let share = 1.0 - (self.model.system.parameters() as f64 / all.max(1) as f64).min(0.9);
+        let mut factors = self.model.image_factors();
+        let mut largest = 1.0_f64;
+        for (factor, (rows, squares)) in factors.iter_mut().zip(rows) {
+            if rows < LEAST_IMAGE_ROWS {
+                continue;
+            }
+            let change = (squares / (rows as f64 * share)).sqrt();
+            let is_other = (*factor * change).max(1.0 / (*factor * change)) > REWEIGHTED;
+            if is_other && change > 0.0 {
+                *factor *= change;
+                largest = largest.max(change).max(1.0 / change);
+            }
+        }
+        self.model.set_image_factors(factors);
+        largest > 1.01
+    }
+
     /// Where the way from the given poses is long, that from poses found in the images may be short: of the
     /// two ends the one of lower cost.
     fn approach_anew(&mut self, loss: Loss, cost: f64) -> Result<(), TooLarge> {
@@ -265,7 +380,7 @@ impl Run<'_> {
         now: &Estimate,
         image_loss: Loss,
     ) -> Result<(Minimiser, Model, Values), TooLarge> {
-        let mut model = Model::new(self.problem, self.start, now, self.options);
+        let mut model = Model::new(self.problem, self.start, now, self.options, Purpose::Adjustment);
         model.set_image_loss(image_loss);
         model.copy_motion(&self.model);
         let values = model.system.start().clone();

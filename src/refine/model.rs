@@ -2,8 +2,10 @@
 
 use super::NoSolution;
 use super::RefineOptions;
+use super::body_frame::{ANCHOR_SIGMA_M, BodyFrame};
 use super::datum::{self, Treatment};
 use super::motion::{Body, Motion, MotionPrior, MotionPriors};
+use super::outcome::{Fits, ObservationFit};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::nlls::loss::{Loss, robust_spread};
@@ -42,6 +44,49 @@ const TIE_POINT_SIGMA_M: f64 = 100.0;
 /// Standard deviation of the starting shape as a whole, where nothing else knows the scale \[m\].
 const STARTING_SHAPE_SIGMA_M: f64 = 0.2;
 
+/// By what the standard deviations of conventions are multiplied where they must not pass for knowledge.
+const UNCONVENTIONAL: f64 = 100.0;
+
+/// What a model is for.
+#[derive(Clone, Copy)]
+pub enum Purpose<'a> {
+    /// To find the minimum from afar: weak conventions hold whatever else may not be held.
+    Adjustment,
+    /// Least squares on accepted image points and what is known, and nothing else: frames of bodies are held
+    /// by as many coordinates as measurements leave open, and other conventions hardly weigh.
+    Statistics {
+        /// Which image points are accepted.
+        fits: &'a Fits,
+        /// What holds the frame of each vehicle.
+        frames: &'a [BodyFrame],
+    },
+}
+
+/// What a group of measurements is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Source {
+    /// Image points of vehicles.
+    VehicleImages,
+    /// Image points of targets.
+    TargetImages,
+    /// Surveyed coordinates of targets.
+    Survey,
+    /// Contact of vehicles with the terrain, and its bias.
+    Terrain,
+    /// Known heights of bodies.
+    KnownHeight,
+    /// Known coordinates of shape points.
+    KnownPoint,
+    /// Given camera poses whose standard deviations are known.
+    CameraPoses,
+    /// Smooth motion of cameras.
+    CameraMotion,
+    /// Smooth motion of vehicles.
+    VehicleMotion,
+    /// What is nobody's knowledge and only keeps an unknown in its place.
+    Convention,
+}
+
 /// A system and where the unknowns of an estimate are in it.
 pub struct Model {
     /// The least-squares problem.
@@ -52,6 +97,12 @@ pub struct Model {
     pub motion: Motion,
     /// What is odd about the datum.
     pub warnings: Vec<String>,
+    /// Every group and what it is.
+    pub sources: Vec<(Source, GroupId)>,
+    /// For each image point of a vehicle that takes part: vehicle and observation, in the order of the group.
+    pub vehicle_items: Vec<(usize, usize)>,
+    /// For each image point of a target likewise its observation.
+    pub target_items: Vec<usize>,
     /// Groups of image points: of vehicles, of targets.
     images: [GroupId; 2],
     /// Every other group whose rows are observations of their own, but those of motion.
@@ -78,7 +129,13 @@ struct VehicleBlocks {
 
 impl Model {
     /// The system of `problem`, with values from `current` and starting poses from `start`.
-    pub fn new(problem: &Problem, start: &Estimate, current: &Estimate, options: &RefineOptions) -> Model {
+    pub fn new(
+        problem: &Problem,
+        start: &Estimate,
+        current: &Estimate,
+        options: &RefineOptions,
+        purpose: Purpose<'_>,
+    ) -> Model {
         let mut warnings = Vec::new();
         let (cameras, warning) = datum::of_cameras(problem);
         warnings.extend(warning);
@@ -100,24 +157,56 @@ impl Model {
             let points = vehicle.points.iter().flatten().copied().collect();
             builder.add_rigid_body(points, vehicle.poses.iter().flatten().copied().collect());
         }
-        let images = add_images(&mut builder, problem, &blocks);
+        let Images { groups: images, vehicle_items, target_items } =
+            add_images(&mut builder, problem, &blocks, purpose);
         let highest_points = highest_points(problem, current);
-        let mut groups = add_knowledge(&mut builder, problem, &blocks, &highest_points);
+        let knowledge = add_knowledge(&mut builder, problem, &blocks, &highest_points);
+        let mut groups: Vec<GroupId> = knowledge.iter().map(|(_, group)| *group).collect();
+        let mut sources = vec![(Source::VehicleImages, images[0]), (Source::TargetImages, images[1])];
+        sources.extend(knowledge);
+        let loose = match purpose {
+            Purpose::Adjustment => 1.0,
+            Purpose::Statistics { .. } => UNCONVENTIONAL,
+        };
         let starting = Starting { start, cameras: &cameras, vehicles: &vehicles };
-        let poses = add_starting_poses(&mut builder, problem, &starting, &blocks, options.motion);
-        let (shapes, shape_rows) = add_starting_shapes(&mut builder, problem, start, &blocks);
+        let poses = add_starting_poses(&mut builder, problem, &starting, &blocks, options.motion, loose);
+        let of_cameras =
+            if problem.camera_pose_sigma.is_unknown() { Source::Convention } else { Source::CameraPoses };
+        sources.extend([
+            (of_cameras, poses[0]),
+            (Source::Convention, poses[1]),
+            (Source::Convention, poses[2]),
+        ]);
+        let poses = [poses[0], poses[1]];
+        let (shapes, shape_rows) = add_starting_shapes(&mut builder, problem, start, &blocks, loose);
+        sources.push((Source::Convention, shapes));
         let free = |treatment: &Treatment| treatment.free.iter().filter(|free| **free).count();
         let adjusted = vehicles.iter().zip(&start.vehicles).filter(|(_, start)| start.left_out.is_none());
         let is_given = problem.camera_poses.iter().any(Option::is_some);
         let camera_rows = if is_given { free(&cameras) } else { 0 };
-        let pose_rows = camera_rows + adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>();
+        let vehicle_rows = match purpose {
+            Purpose::Adjustment => adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>(),
+            Purpose::Statistics { .. } => 0,
+        };
+        let pose_rows = camera_rows + vehicle_rows;
         if let Some(ground) = &problem.ground {
-            groups.extend(add_contacts(&mut builder, problem, ground, current, &blocks, &mut warnings));
+            let contacts = add_contacts(&mut builder, problem, ground, current, &blocks, &mut warnings);
+            groups.extend(contacts);
+            sources.extend(contacts.map(|group| (Source::Terrain, group)));
         }
-        add_body_boxes(&mut builder, &blocks);
-        add_usual_sizes(&mut builder, start, &blocks);
-        add_tie_points(&mut builder, problem, current, &blocks);
+        match purpose {
+            Purpose::Adjustment => add_body_boxes(&mut builder, &blocks),
+            Purpose::Statistics { frames, .. } => {
+                sources.push((Source::Convention, add_frames(&mut builder, current, &blocks, frames)));
+            }
+        }
+        sources.push((Source::Convention, add_usual_sizes(&mut builder, start, &blocks, loose)));
+        sources.push((Source::Convention, add_tie_points(&mut builder, problem, current, &blocks)));
         let motion = add_motion(&mut builder, problem, &blocks, options.motion);
+        sources.extend(motion.bodies().map(|(body, group)| match body {
+            Body::Camera => (Source::CameraMotion, group),
+            Body::Vehicle(_) => (Source::VehicleMotion, group),
+        }));
         let steps = blocks.cameras.iter().enumerate().map(|(frame, camera)| TimeStep {
             observer: Some(*camera),
             bodies: blocks.vehicles.iter().filter_map(|vehicle| vehicle.poses[frame]).collect(),
@@ -130,6 +219,9 @@ impl Model {
             highest_points,
             motion,
             warnings,
+            sources,
+            vehicle_items,
+            target_items,
             images,
             priors: groups,
             datum: poses.into_iter().chain([shapes]).collect(),
@@ -138,9 +230,54 @@ impl Model {
         }
     }
 
+    /// By what the standard deviations of image points are multiplied: of vehicles, of targets.
+    pub fn image_factors(&self) -> [f64; 2] {
+        self.images.map(|group| self.system.sigma_factor(group))
+    }
+
+    /// Sets what [`Model::image_factors`] says.
+    pub fn set_image_factors(&mut self, factors: [f64; 2]) {
+        for (group, factor) in self.images.into_iter().zip(factors) {
+            self.system.set_sigma_factor(group, factor);
+        }
+    }
+
+    /// Rows of image points and the sum of their whitened squares: of vehicles, of targets.
+    pub fn image_rows(&self, values: &Values) -> [(usize, f64); 2] {
+        self.images.map(|group| {
+            let squares = self.system.squared_norms(group, values).into_iter().flatten().sum();
+            (self.system.rows(group), squares)
+        })
+    }
+
     /// Sets the loss of all image points.
     pub fn set_image_loss(&mut self, loss: Loss) {
         self.images.iter().for_each(|group| self.system.set_loss(*group, loss));
+    }
+
+    /// Block of the camera pose of a frame.
+    pub fn camera(&self, frame: usize) -> BlockId {
+        self.blocks.cameras[frame]
+    }
+
+    /// Block of the pose of a vehicle in a frame.
+    pub fn vehicle_pose(&self, vehicle: usize, frame: usize) -> Option<BlockId> {
+        self.blocks.vehicles[vehicle].poses[frame]
+    }
+
+    /// Block of a shape point of a vehicle.
+    pub fn shape_point(&self, vehicle: usize, point: usize) -> Option<BlockId> {
+        self.blocks.vehicles[vehicle].points[point]
+    }
+
+    /// Block of a target.
+    pub fn target(&self, target: usize) -> Option<BlockId> {
+        self.blocks.targets[target]
+    }
+
+    /// The groups of a source.
+    pub fn groups_of(&self, source: Source) -> impl Iterator<Item = GroupId> {
+        self.sources.iter().filter(move |(of, _)| *of == source).map(|(_, group)| *group)
     }
 
     /// Robust spread of the whitened image points of vehicles: 1 where their sigmas are right.
@@ -316,35 +453,60 @@ fn add_point(
     Some(builder.add_block(Manifold::POINT, point.coords.as_slice(), &free))
 }
 
-fn add_images(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks) -> [GroupId; 2] {
+/// Groups of image points and which observations are in them.
+struct Images {
+    groups: [GroupId; 2],
+    vehicle_items: Vec<(usize, usize)>,
+    target_items: Vec<usize>,
+}
+
+fn add_images(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    blocks: &Blocks,
+    purpose: Purpose<'_>,
+) -> Images {
     let camera = Arc::new(problem.camera.clone());
-    let mut of_vehicles = Vec::new();
-    for (vehicle, vehicle_blocks) in problem.vehicles.iter().zip(&blocks.vehicles) {
-        for observation in &vehicle.observations {
+    let is_accepted = |fit: &dyn Fn(&Fits) -> Option<ObservationFit>| match purpose {
+        Purpose::Adjustment => true,
+        Purpose::Statistics { fits, .. } => fit(fits).is_some_and(|fit| fit.is_accepted()),
+    };
+    let (mut of_vehicles, mut vehicle_items) = (Vec::new(), Vec::new());
+    for (at, (vehicle, vehicle_blocks)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
+        for (item, observation) in vehicle.observations.iter().enumerate() {
             let pose = vehicle_blocks.poses[observation.frame];
             let (Some(pose), Some(point)) = (pose, vehicle_blocks.points[observation.point]) else {
                 continue;
             };
-            of_vehicles.push(Measurement {
-                residual: VehicleImagePoint { camera: camera.clone(), observed_px: observation.image_px },
-                blocks: [blocks.cameras[observation.frame], pose, point],
-                sigma: [observation.sigma_px; 2],
-            });
+            let seen = [blocks.cameras[observation.frame], pose, point];
+            if builder.decides(&seen) && is_accepted(&|fits| fits.vehicles[at][item]) {
+                of_vehicles.push(Measurement {
+                    residual: VehicleImagePoint { camera: camera.clone(), observed_px: observation.image_px },
+                    blocks: seen,
+                    sigma: [observation.sigma_px; 2],
+                });
+                vehicle_items.push((at, item));
+            }
         }
     }
-    let mut of_targets = Vec::new();
-    for observation in &problem.target_observations {
+    let (mut of_targets, mut target_items) = (Vec::new(), Vec::new());
+    for (item, observation) in problem.target_observations.iter().enumerate() {
         let Some(target) = blocks.targets[observation.target] else { continue };
-        of_targets.push(Measurement {
-            residual: TargetImagePoint { camera: camera.clone(), observed_px: observation.image_px },
-            blocks: [blocks.cameras[observation.frame], target],
-            sigma: [observation.sigma_px; 2],
-        });
+        let seen = [blocks.cameras[observation.frame], target];
+        if builder.decides(&seen) && is_accepted(&|fits| fits.targets[item]) {
+            of_targets.push(Measurement {
+                residual: TargetImagePoint { camera: camera.clone(), observed_px: observation.image_px },
+                blocks: seen,
+                sigma: [observation.sigma_px; 2],
+            });
+            target_items.push(item);
+        }
     }
-    [
+    let groups = [
         builder.add_group("image point of a vehicle point", Loss::Squared, of_vehicles),
         builder.add_group("image point of a target", Loss::Squared, of_targets),
-    ]
+    ];
+    Images { groups, vehicle_items, target_items }
 }
 
 /// What is known beforehand of points, heights and the terrain as a whole.
@@ -353,7 +515,7 @@ fn add_knowledge(
     problem: &Problem,
     blocks: &Blocks,
     highest: &[Option<usize>],
-) -> Vec<GroupId> {
+) -> [(Source, GroupId); 4] {
     let coordinates =
         |block: Option<BlockId>, known: &[Option<Known>; 3]| -> Vec<Measurement<KnownCoordinate, 1, 1>> {
             let Some(block) = block else { return Vec::new() };
@@ -390,11 +552,12 @@ fn add_knowledge(
         blocks: [blocks.bias],
         sigma: [bias_sigma_m],
     });
-    vec![
-        builder.add_group("surveyed coordinate of a target", Loss::Squared, survey),
-        builder.add_group("known coordinate of a shape point", Loss::Squared, points),
-        builder.add_group("known height of a body", Loss::Squared, heights),
-        builder.add_group("bias of the terrain", Loss::Squared, bias.into_iter().collect()),
+    let bias = bias.into_iter().collect();
+    [
+        (Source::Survey, builder.add_group("surveyed coordinate of a target", Loss::Squared, survey)),
+        (Source::KnownPoint, builder.add_group("known coordinate of a shape point", Loss::Squared, points)),
+        (Source::KnownHeight, builder.add_group("known height of a body", Loss::Squared, heights)),
+        (Source::Terrain, builder.add_group("bias of the terrain", Loss::Squared, bias)),
     ]
 }
 
@@ -405,6 +568,7 @@ fn add_starting_shapes(
     problem: &Problem,
     start: &Estimate,
     blocks: &Blocks,
+    loose: f64,
 ) -> (GroupId, usize) {
     let mut rows = Vec::new();
     let mut numbers = 0;
@@ -414,7 +578,7 @@ fn add_starting_shapes(
         }
         let points: Vec<_> =
             blocks.points.iter().zip(&start.points).filter_map(|(b, p)| Some(((*b)?, (*p)?))).collect();
-        let sigma_m = STARTING_SHAPE_SIGMA_M * (points.len() as f64).sqrt();
+        let sigma_m = loose * STARTING_SHAPE_SIGMA_M * (points.len() as f64).sqrt();
         numbers += if points.is_empty() { 0 } else { 3 };
         for (block, point) in points {
             for axis in 0..3 {
@@ -439,7 +603,7 @@ fn add_body_boxes(builder: &mut SystemBuilder, blocks: &Blocks) {
 
 /// What the size of road vehicles says of points: one whose rays leave its depth open lies about where
 /// a car is. Takes no part in the statistics.
-fn add_usual_sizes(builder: &mut SystemBuilder, start: &Estimate, blocks: &Blocks) {
+fn add_usual_sizes(builder: &mut SystemBuilder, start: &Estimate, blocks: &Blocks, loose: f64) -> GroupId {
     let mut rows = Vec::new();
     for (blocks, start) in blocks.vehicles.iter().zip(&start.vehicles) {
         for (block, is_open) in blocks.points.iter().zip(&start.open_depth) {
@@ -448,17 +612,40 @@ fn add_usual_sizes(builder: &mut SystemBuilder, start: &Estimate, blocks: &Block
                 rows.push(Measurement {
                     residual: KnownCoordinate { axis, known_m: middle_m },
                     blocks: [block],
-                    sigma: [half_size_m * if *is_open { 1.0 } else { LOOSENED }],
+                    sigma: [half_size_m * if *is_open { loose } else { LOOSENED }],
                 });
             }
         }
     }
-    builder.add_group("usual size of a car", Loss::Squared, rows);
+    builder.add_group("usual size of a car", Loss::Squared, rows)
+}
+
+/// Holds what measurements leave open of the frames of bodies, by coordinates of their own where they are.
+fn add_frames(
+    builder: &mut SystemBuilder,
+    current: &Estimate,
+    blocks: &Blocks,
+    frames: &[BodyFrame],
+) -> GroupId {
+    let mut rows = Vec::new();
+    for ((blocks, frame), current) in blocks.vehicles.iter().zip(frames).zip(&current.vehicles) {
+        for &(point, axis) in &frame.anchors {
+            let (Some(block), Some(place)) = (blocks.points[point], current.points[point]) else { continue };
+            let residual = KnownCoordinate { axis, known_m: place[axis] };
+            rows.push(Measurement { residual, blocks: [block], sigma: [ANCHOR_SIGMA_M] });
+        }
+    }
+    builder.add_group("frame of a body", Loss::Squared, rows)
 }
 
 /// Keeps tie points where they are should all their image points be rejected. Takes no part in the
 /// statistics.
-fn add_tie_points(builder: &mut SystemBuilder, problem: &Problem, current: &Estimate, blocks: &Blocks) {
+fn add_tie_points(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    current: &Estimate,
+    blocks: &Blocks,
+) -> GroupId {
     let mut rows = Vec::new();
     for ((target, block), place) in problem.targets.iter().zip(&blocks.targets).zip(&current.targets) {
         let (Some(block), Some(place)) = (*block, *place) else { continue };
@@ -467,7 +654,7 @@ fn add_tie_points(builder: &mut SystemBuilder, problem: &Problem, current: &Esti
             rows.push(Measurement { residual, blocks: [block], sigma: [TIE_POINT_SIGMA_M] });
         }
     }
-    builder.add_group("place of a tie point", Loss::Squared, rows);
+    builder.add_group("place of a tie point", Loss::Squared, rows)
 }
 
 /// Starting poses and how they are treated.
@@ -483,7 +670,8 @@ fn add_starting_poses(
     Starting { start, cameras, vehicles }: &Starting,
     blocks: &Blocks,
     priors: MotionPriors,
-) -> [GroupId; 2] {
+    loose: f64,
+) -> [GroupId; 3] {
     let row = |block: &BlockId, start: &Pose, sigma: [f64; 6]| Measurement {
         residual: PosePrior { start: *start, axes: Rotation3::identity() },
         blocks: [*block],
@@ -496,7 +684,7 @@ fn add_starting_poses(
     let found = blocks.cameras.iter().zip(&start.camera_poses).zip(lost);
     let of_lost = found.filter_map(|((block, pose), sigma)| Some(row(block, pose, sigma?)));
     // Takes no part in the statistics.
-    builder.add_group("pose of a camera that nothing holds", Loss::Squared, of_lost.collect());
+    let of_lost = builder.add_group("pose of a camera that nothing holds", Loss::Squared, of_lost.collect());
     let mut of_vehicles = Vec::new();
     for (at, (blocks, treatment)) in blocks.vehicles.iter().zip(*vehicles).enumerate() {
         let (vehicle, cameras) = (&problem.vehicles[at], &start.camera_poses);
@@ -507,13 +695,18 @@ fn add_starting_poses(
         for ((block, start), camera) in blocks.poses.iter().zip(starts).zip(cameras) {
             if let (Some(block), Some(start)) = (*block, *start) {
                 let residual = PosePrior { start, axes: datum::ray_axes(camera, &start) };
-                of_vehicles.push(Measurement { residual, blocks: [block], sigma: treatment.prior_sigma });
+                of_vehicles.push(Measurement {
+                    residual,
+                    blocks: [block],
+                    sigma: treatment.prior_sigma.map(|sigma| loose * sigma),
+                });
             }
         }
     }
     [
         builder.add_group("starting pose of a camera", Loss::Squared, of_cameras),
         builder.add_group("starting pose of a vehicle", Loss::Squared, of_vehicles),
+        of_lost,
     ]
 }
 

@@ -189,6 +189,11 @@ impl Motion {
         self.components.iter().map(|c| c.group)
     }
 
+    /// The groups and whose they are.
+    pub fn bodies(&self) -> impl Iterator<Item = (&Body, GroupId)> {
+        self.components.iter().map(|c| (&c.body, c.group))
+    }
+
     /// The present strengths.
     pub fn strengths(&self, system: &System) -> Vec<BodyStrength> {
         let of = |c: &Component| c.first * system.sigma_factor(c.group);

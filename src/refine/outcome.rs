@@ -1,5 +1,6 @@
 //! What was solved and how well.
 
+use super::Network;
 use super::model::Model;
 use super::motion::BodyStrength;
 use crate::estimate::Estimate;
@@ -42,6 +43,8 @@ pub struct Adjustment {
     pub fits: Fits,
     /// Spread of the whitened image points of vehicles after the approach.
     pub spread: f64,
+    /// The final least squares on accepted image points; `None` where it failed.
+    pub least_squares: Option<LeastSquares>,
     /// Motion priors.
     pub motion: Vec<BodyStrength>,
     /// Check points.
@@ -50,6 +53,68 @@ pub struct Adjustment {
     pub elimination: (Rule, f64),
     /// What is odd.
     pub warnings: Vec<String>,
+}
+
+/// What the final least squares did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeastSquares {
+    /// By what the standard deviations of image points were multiplied: of vehicles, of targets.
+    pub image_factors: [f64; 2],
+    /// How far shape points in the world moved from the robust solution: root mean square and the largest
+    /// \[m\].
+    pub moved_m: [f64; 2],
+}
+
+impl LeastSquares {
+    fn new(robust: &Estimate, estimate: &Estimate, network: &Network) -> Self {
+        let (mut sum, mut count, mut largest) = (0.0, 0_usize, 0.0_f64);
+        for (before, after) in robust.vehicles.iter().zip(&estimate.vehicles) {
+            for (old, new) in before.poses.iter().zip(&after.poses) {
+                let (Some(old), Some(new)) = (old, new) else { continue };
+                for (p, q) in before.points.iter().zip(&after.points) {
+                    let (Some(p), Some(q)) = (p, q) else { continue };
+                    let moved_m = (new * q - old * p).norm();
+                    sum += moved_m * moved_m;
+                    largest = largest.max(moved_m);
+                    count += 1;
+                }
+            }
+        }
+        let rms_m = (sum / count.max(1) as f64).sqrt();
+        LeastSquares { image_factors: network.model.image_factors(), moved_m: [rms_m, largest] }
+    }
+}
+
+/// What sigma0 comes from.
+struct Statistics {
+    observations: usize,
+    parameters: usize,
+    squares: f64,
+}
+
+impl Statistics {
+    fn of_least_squares(network: &Network) -> Self {
+        let Network { model, values, frames } = network;
+        let (prior_rows, prior_squares) = model.prior_rows(values);
+        let images = model.image_rows(values);
+        Statistics {
+            observations: prior_rows + images.iter().map(|i| i.0).sum::<usize>(),
+            // What is held of frames is no unknown.
+            parameters: model.system.parameters() - frames.iter().map(|f| f.anchors.len()).sum::<usize>(),
+            squares: prior_squares + images.iter().map(|i| i.1).sum::<f64>(),
+        }
+    }
+
+    fn of_robust(model: &Model, minimum: &Minimum, inside: &[(f64, ObservationFit)]) -> Self {
+        let (prior_rows, prior_squares) = model.prior_rows(&minimum.values);
+        let image_squares: f64 =
+            inside.iter().map(|(sigma, fit)| fit.residual_px.norm_squared() / (sigma * sigma)).sum();
+        Statistics {
+            observations: prior_rows + 2 * inside.len(),
+            parameters: model.system.parameters(),
+            squares: prior_squares + image_squares,
+        }
+    }
 }
 
 /// One minimisation.
@@ -72,6 +137,13 @@ pub struct ObservationFit {
     pub weight: f64,
     /// Whether it is a gross error.
     pub is_outlier: bool,
+}
+
+impl ObservationFit {
+    /// Whether it takes part in least squares: it is no gross error and belongs to no check point.
+    pub fn is_accepted(&self) -> bool {
+        !self.is_outlier && self.weight > 0.0
+    }
 }
 
 /// How all image points of a problem fit an estimate.
@@ -105,6 +177,12 @@ pub struct End<'a> {
     pub rounds: Vec<Round>,
     pub spread: f64,
     pub image_loss: Loss,
+    /// How image points fit the end.
+    pub fits: Fits,
+    /// The end of the robust adjustment.
+    pub robust: &'a Estimate,
+    /// The least squares that followed.
+    pub network: Option<&'a Network>,
 }
 
 impl Adjustment {
@@ -176,7 +254,7 @@ impl Fits {
 
     /// Fits that took part and are not gross errors, with the standard deviations of their image
     /// points \[px\]: of vehicles and of targets.
-    fn inside(&self, problem: &Problem) -> [Vec<(f64, ObservationFit)>; 2] {
+    pub fn inside(&self, problem: &Problem) -> [Vec<(f64, ObservationFit)>; 2] {
         let good = |sigma_px: f64, fit: &Option<ObservationFit>| {
             fit.filter(|fit| !fit.is_outlier).map(|fit| (sigma_px, fit))
         };
@@ -193,25 +271,33 @@ impl Fits {
 
 /// The statistics of an adjustment.
 pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: End) -> Adjustment {
-    let End { model, minimum, rounds, spread, image_loss } = end;
-    let fits = Fits::new(problem, estimate, image_loss, spread);
+    let End { model, minimum, rounds, spread, image_loss, fits, robust, network } = end;
     let [of_vehicles, of_targets] = fits.inside(problem);
     let both = [of_vehicles.as_slice(), &of_targets].concat();
-    let image_squares: f64 =
-        both.iter().map(|(sigma, fit)| fit.residual_px.norm_squared() / (sigma * sigma)).sum();
-
-    let (prior_rows, prior_squares) = model.prior_rows(&minimum.values);
-    let observations = 2 * both.len() + prior_rows;
-    let parameters = model.system.parameters();
+    let initial_cost = model.system.cost(&model.values(start)).value;
+    let statistics = match network {
+        Some(network) => Statistics::of_least_squares(network),
+        None => Statistics::of_robust(model, &minimum, &both),
+    };
+    let Statistics { observations, parameters, squares } = statistics;
+    let values = network.map_or(&minimum.values, |network| &network.values);
     let redundancy = observations as i64 - parameters as i64;
     let mut warnings = model.warnings.clone();
+    if network.is_none() {
+        warnings.push(
+            "the final least squares on accepted image points could not be solved: the result is that of the \
+             robust adjustment, without standard deviations"
+                .to_owned(),
+        );
+    }
     if !minimum.stop.converged() {
         warnings.push(format!("the adjustment has not converged: {}", minimum.stop));
     }
     if fits.behind_camera > 0 {
         warnings.push(format!("{} image points belong to points behind the camera", fits.behind_camera));
     }
-    let lost_contacts = model.lost_contacts(&minimum.values);
+    let counted = network.map_or(model, |network| &network.model);
+    let lost_contacts = counted.lost_contacts(values);
     if lost_contacts > 0 {
         warnings.push(format!(
             "contacts with the ground that were lost, because a pose left the terrain grid: {lost_contacts}"
@@ -224,17 +310,18 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
     Adjustment {
         stop: minimum.stop,
         rounds,
-        initial_cost: model.system.cost(&model.values(start)).value,
+        initial_cost,
         final_cost: minimum.cost.value,
         image_loss,
         observations,
         parameters,
         redundancy,
-        sigma0: (redundancy > 0).then(|| ((image_squares + prior_squares) / redundancy as f64).sqrt()),
+        sigma0: (redundancy > 0).then(|| (squares / redundancy as f64).sqrt()),
         rms_px: [rms_px(&of_vehicles), rms_px(&of_targets), rms_px(&both)],
         fits,
         spread,
-        motion: model.motion.strengths(&model.system),
+        least_squares: network.map(|network| LeastSquares::new(robust, estimate, network)),
+        motion: counted.motion.strengths(&counted.system),
         check_points: check_points(problem, estimate),
         elimination: model.system.elimination(),
         warnings,
@@ -242,12 +329,13 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
 }
 
 /// Takes the coordinates of shape points that fewer than two image points agree with: they are where
-/// the usual size of a car puts them, not where anybody saw them.
-pub fn drop_rejected_points(problem: &Problem, estimate: &mut Estimate, adjustment: &mut Adjustment) {
+/// the usual size of a car puts them, not where anybody saw them. Says which.
+pub fn drop_rejected_points(problem: &Problem, estimate: &mut Estimate, fits: &Fits) -> Vec<String> {
+    let mut warnings = Vec::new();
     for (at, vehicle) in problem.vehicles.iter().enumerate() {
         let found = &mut estimate.vehicles[at];
         let mut good = vec![0; vehicle.points.len()];
-        for (observation, fit) in vehicle.observations.iter().zip(&adjustment.fits.vehicles[at]) {
+        for (observation, fit) in vehicle.observations.iter().zip(&fits.vehicles[at]) {
             good[observation.point] += usize::from(fit.is_some_and(|fit| !fit.is_outlier));
         }
         let mut dropped = Vec::new();
@@ -258,13 +346,14 @@ pub fn drop_rejected_points(problem: &Problem, estimate: &mut Estimate, adjustme
             }
         }
         if !dropped.is_empty() {
-            adjustment.warnings.push(format!(
+            warnings.push(format!(
                 "vehicle {}: points whose image points are gross errors but for one at most, which get no coordinates: {}",
                 vehicle.id,
                 dropped.join(", ")
             ));
         }
     }
+    warnings
 }
 
 /// Root mean square of the coordinates.

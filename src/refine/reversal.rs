@@ -5,7 +5,7 @@
 //! known of height and motion tell the two apart, and each is a minimum of its own. So the mirrored one is
 //! adjusted too, body by body under the cameras as they are, and taken where its cost is lower.
 
-use super::model::Model;
+use super::model::{Model, Purpose};
 use super::motion::{BodyStrength, MotionPrior, MotionPriors};
 use super::{Body, RefineOptions};
 use crate::estimate::{Estimate, VehicleEstimate};
@@ -67,7 +67,7 @@ pub fn better_reversed(
         let options = RefineOptions { motion, ..*options };
         let start = with(start, &start.vehicles[at]);
         let adjusted = |from: &VehicleEstimate| -> Result<(f64, VehicleEstimate), TooLarge> {
-            let mut model = Model::new(&alone, &start, &with(now, from), &options);
+            let mut model = Model::new(&alone, &start, &with(now, from), &options, Purpose::Adjustment);
             model.set_image_loss(loss);
             let limits = MinimiserOptions { max_iterations: ITERATIONS, ..Default::default() };
             let minimum =

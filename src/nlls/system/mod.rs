@@ -87,6 +87,11 @@ impl SystemBuilder {
         BlockId(self.blocks.len() - 1)
     }
 
+    /// Whether a measurement of these blocks decides anything: not all of them are held.
+    pub fn decides(&self, blocks: &[BlockId]) -> bool {
+        blocks.iter().any(|block| self.blocks[block.0].is_free())
+    }
+
     /// Adds a group of measurements under one loss. Those between held blocks alone decide nothing
     /// and are left out.
     pub fn add_group<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS> + 'static>(

@@ -1,0 +1,1 @@
+//! How far a result can be trusted: what is determined and by what, standard deviations, tests.

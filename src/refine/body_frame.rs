@@ -1,0 +1,238 @@
+//! The frame of a body: which of its six freedoms measurements hold, and what holds the others.
+//!
+//! A body's frame is a choice: a shift `v` and a turn `w` of it,
+//!
+//! ```text
+//! dM = v + w x M      dt = -R v      dr = -w
+//! ```
+//!
+//! leave every image point as it is. Ground under the origin, known heights and known points hold some of
+//! these directions. `G` are six of them, one a column, so scaled that the points of the shape move by 1 m
+//! (root of the sum of squares over all of them is 1 m times the root of their number); of their information
+//! from everything but image points and motion,
+//!
+//! ```text
+//! I = sum |J G|^2
+//! ```
+//!
+//! the eigenvectors with a standard deviation above [`OPEN_M`] are open: there the frame is a convention,
+//! held by as many coordinates of points. Standard deviations are then transformed to inner constraints on
+//! the shape (Baarda's S-transformation),
+//!
+//! ```text
+//! Q' = S Q S^T      S = 1 - G (B^T G)^-1 B^T      B: the rows of the shape in G
+//! ```
+//!
+//! by which no single point, and no frame of the film, is free of error.
+
+use super::model::{Model, Source};
+use crate::estimate::Estimate;
+use crate::geometry::Pose;
+use crate::nlls::system::{BlockId, Values};
+use crate::problem::Problem;
+use nalgebra::{DMatrix, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
+
+/// A direction of a body's frame that is held less well than this is open: root mean square over the points
+/// \[m\].
+pub const OPEN_M: f64 = 0.1;
+/// Standard deviation of a coordinate that holds an open direction \[m\]: about that of a point, so that
+/// the system stays well conditioned. It has no effect on what is transformed to inner constraints.
+pub const ANCHOR_SIGMA_M: f64 = 0.01;
+/// What is held exactly counts as held with this standard deviation \[m or rad\].
+const EXACT: f64 = 1e-4;
+
+/// What is open of the frame of a body, and what holds it.
+#[derive(Clone, Debug, Default)]
+pub struct BodyFrame {
+    /// For each open direction `(v, w)` \[m, rad\], so scaled that the root of the sum of squares of the
+    /// shifts of all points is 1 m, and orthogonal to the others.
+    pub open: Vec<Vector6<f64>>,
+    /// Standard deviation of each of six directions from what is known, and the direction: root mean square
+    /// over the points \[m\], worst first.
+    pub known: Vec<(f64, Vector6<f64>)>,
+    /// Points that count: index and place \[m\].
+    pub points: Vec<(usize, Point3<f64>)>,
+    /// Points and axes whose coordinates hold the open directions.
+    pub anchors: Vec<(usize, usize)>,
+}
+
+/// Where a point moves when the frame of its body is shifted and turned.
+pub fn point_motion(direction: &Vector6<f64>, point: &Point3<f64>) -> Vector3<f64> {
+    direction.fixed_rows::<3>(0) + direction.fixed_rows::<3>(3).cross(&point.coords)
+}
+
+/// How a pose is perturbed when the frame of its body is shifted and turned.
+pub fn pose_motion(direction: &Vector6<f64>, pose: &Pose) -> Vector6<f64> {
+    let mut out = Vector6::zeros();
+    out.fixed_rows_mut::<3>(0).copy_from(&-(pose.rotation * direction.fixed_rows::<3>(0).into_owned()));
+    out.fixed_rows_mut::<3>(3).copy_from(&-direction.fixed_rows::<3>(3));
+    out
+}
+
+/// The frames of all vehicles at `values`, which are those of `estimate`.
+pub fn body_frames(problem: &Problem, estimate: &Estimate, model: &Model, values: &Values) -> Vec<BodyFrame> {
+    (0..problem.vehicles.len()).map(|vehicle| body_frame(estimate, model, values, vehicle)).collect()
+}
+
+fn body_frame(estimate: &Estimate, model: &Model, values: &Values, vehicle: usize) -> BodyFrame {
+    let found = &estimate.vehicles[vehicle];
+    let place = |(at, point): (usize, &Option<Point3<f64>>)| {
+        let counts = !found.open_depth.get(at).copied().unwrap_or(false);
+        model.shape_point(vehicle, at).filter(|_| counts)?;
+        Some((at, (*point)?))
+    };
+    let mut points: Vec<(usize, Point3<f64>)> = found.points.iter().enumerate().filter_map(place).collect();
+    if found.left_out.is_some() {
+        points.clear();
+    }
+    if points.len() < 3 {
+        return BodyFrame { points, ..BodyFrame::default() };
+    }
+    let generators = generators(&points);
+    let steps: Vec<Vec<f64>> = generators.iter().map(|g| step_of(estimate, model, vehicle, g)).collect();
+    let mut information = Matrix6::zeros();
+    for source in [Source::Terrain, Source::KnownHeight, Source::KnownPoint] {
+        for group in model.groups_of(source) {
+            let rows: Vec<Vec<f64>> =
+                steps.iter().map(|step| model.system.product(group, values, step)).collect();
+            add_products(&mut information, &rows);
+        }
+    }
+    add_products(&mut information, &held_rows(estimate, model, vehicle, &generators));
+    let number = points.len() as f64;
+    let eigen = SymmetricEigen::new(information);
+    let mut known: Vec<(f64, Vector6<f64>)> = (0..6)
+        .map(|i| {
+            let combined: Vector6<f64> = (0..6).map(|k| generators[k] * eigen.eigenvectors[(k, i)]).sum();
+            // One metre over all points is 1 / sqrt(n) for each.
+            let sigma_m = (1.0 / eigen.eigenvalues[i].max(0.0) / number).sqrt();
+            (sigma_m, combined)
+        })
+        .collect();
+    known.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let open: Vec<Vector6<f64>> = known.iter().filter(|k| k.0 > OPEN_M).map(|k| k.1).collect();
+    let is_free = |point: usize, axis: usize| {
+        model.shape_point(vehicle, point).is_some_and(|block| model.system.free(block)[axis])
+    };
+    let anchors = anchors(&points, &open, &is_free);
+    BodyFrame { open, known, points, anchors }
+}
+
+/// Six directions that move the points orthogonally to each other, each by 1 m over all of them.
+fn generators(points: &[(usize, Point3<f64>)]) -> [Vector6<f64>; 6] {
+    let middle: Vector3<f64> =
+        points.iter().map(|(_, p)| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+    let mut plain = [Vector6::zeros(); 6];
+    for axis in 0..3 {
+        plain[axis][axis] = 1.0;
+        let mut turn = Vector3::zeros();
+        turn[axis] = 1.0;
+        // About the middle of the points.
+        plain[3 + axis].fixed_rows_mut::<3>(3).copy_from(&turn);
+        plain[3 + axis].fixed_rows_mut::<3>(0).copy_from(&-turn.cross(&middle));
+    }
+    // Gram-Schmidt in the motions of the points.
+    let motion = |g: &Vector6<f64>| -> Vec<f64> {
+        points.iter().flat_map(|(_, p)| <[f64; 3]>::from(point_motion(g, p))).collect()
+    };
+    let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+    let mut out: Vec<Vector6<f64>> = Vec::new();
+    for g in plain {
+        let mut g = g;
+        for _ in 0..2 {
+            for other in &out {
+                g -= other * dot(&motion(&g), &motion(other));
+            }
+        }
+        let length = dot(&motion(&g), &motion(&g)).sqrt();
+        // Points on a line do not turn about it.
+        out.push(if length > 1e-9 { g / length } else { Vector6::zeros() });
+    }
+    out.try_into().expect("six")
+}
+
+/// The step in which the frame of a vehicle moves, in elimination order.
+pub fn step_of(estimate: &Estimate, model: &Model, vehicle: usize, direction: &Vector6<f64>) -> Vec<f64> {
+    let mut step = vec![0.0; model.system.pattern().size()];
+    let mut write = |block: Option<BlockId>, delta: &[f64]| {
+        if let Some(range) = block.and_then(|block| model.system.range_of(block)) {
+            step[range].copy_from_slice(delta);
+        }
+    };
+    let found = &estimate.vehicles[vehicle];
+    for (at, point) in found.points.iter().enumerate() {
+        if let Some(point) = point {
+            write(model.shape_point(vehicle, at), point_motion(direction, point).as_slice());
+        }
+    }
+    for (frame, pose) in found.poses.iter().enumerate() {
+        if let Some(pose) = pose {
+            write(model.vehicle_pose(vehicle, frame), pose_motion(direction, pose).as_slice());
+        }
+    }
+    step
+}
+
+/// What directions would move of what is held exactly, whitened.
+fn held_rows(
+    estimate: &Estimate,
+    model: &Model,
+    vehicle: usize,
+    generators: &[Vector6<f64>; 6],
+) -> Vec<Vec<f64>> {
+    let found = &estimate.vehicles[vehicle];
+    let mut rows = vec![Vec::new(); 6];
+    let mut add = |block: Option<BlockId>, motion: &dyn Fn(&Vector6<f64>) -> Vec<f64>| {
+        let Some(block) = block else { return };
+        for (axis, _) in model.system.free(block).iter().enumerate().filter(|(_, free)| !**free) {
+            for (rows, g) in rows.iter_mut().zip(generators) {
+                rows.push(motion(g)[axis] / EXACT);
+            }
+        }
+    };
+    for (at, point) in found.points.iter().enumerate() {
+        if let Some(point) = point {
+            add(model.shape_point(vehicle, at), &|g| point_motion(g, point).as_slice().to_vec());
+        }
+    }
+    for (frame, pose) in found.poses.iter().enumerate() {
+        if let Some(pose) = pose {
+            add(model.vehicle_pose(vehicle, frame), &|g| pose_motion(g, pose).as_slice().to_vec());
+        }
+    }
+    rows
+}
+
+fn add_products(information: &mut Matrix6<f64>, rows: &[Vec<f64>]) {
+    for i in 0..6 {
+        for j in 0..6 {
+            information[(i, j)] += rows[i].iter().zip(&rows[j]).map(|(a, b)| a * b).sum::<f64>();
+        }
+    }
+}
+
+/// As many coordinates as directions, each the one that sees most of what the others leave open.
+fn anchors(
+    points: &[(usize, Point3<f64>)],
+    open: &[Vector6<f64>],
+    is_free: &dyn Fn(usize, usize) -> bool,
+) -> Vec<(usize, usize)> {
+    let mut left = DMatrix::from_fn(3 * points.len(), open.len(), |row, column| {
+        point_motion(&open[column], &points[row / 3].1)[row % 3]
+    });
+    let mut chosen = Vec::new();
+    for _ in 0..open.len() {
+        let squares = |row: usize| left.row(row).norm_squared();
+        let candidates = (0..left.nrows()).filter(|row| is_free(points[row / 3].0, row % 3));
+        // The first of equals.
+        let Some(best) = candidates.reduce(|a, b| if squares(b) > squares(a) { b } else { a }) else { break };
+        if squares(best) < 1e-12 {
+            break;
+        }
+        chosen.push((points[best / 3].0, best % 3));
+        let direction = left.row(best).normalize();
+        let seen = &left * direction.transpose();
+        left -= seen * direction;
+    }
+    chosen
+}
