@@ -564,6 +564,12 @@ impl System {
         self.gather.transposed_product(group.0, linear, z, self)
     }
 
+    /// Where the perturbation of a block is in a step; `None` where the block is held.
+    pub fn range_of(&self, block: BlockId) -> Option<std::ops::Range<usize>> {
+        let start = self.step_start[block.0]?;
+        Some(start..start + self.blocks[block.0].manifold.tangent())
+    }
+
     fn free(&self, block: BlockId) -> &[bool] {
         self.blocks[block.0].free()
     }
