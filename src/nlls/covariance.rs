@@ -67,6 +67,11 @@ impl<'a> Covariance<'a> {
         product
     }
 
+    /// The measurements of a group, linearised; see [`SelectedInverse::jacobians`].
+    pub fn jacobians(&self, group: GroupId) -> Vec<Vec<(BlockId, DMatrix<f64>)>> {
+        SelectedInverse::jacobians(self.system, &self.normal, group)
+    }
+
     /// The leverages of a group; see [`SelectedInverse::leverages`].
     pub fn leverages(&self, group: GroupId) -> &[f64] {
         self.selected.leverages(group)

@@ -83,6 +83,8 @@ pub enum Source {
     CameraMotion,
     /// Smooth motion of vehicles.
     VehicleMotion,
+    /// Coordinates that hold what is open of the frames of bodies.
+    Frame,
     /// What is nobody's knowledge and only keeps an unknown in its place.
     Convention,
 }
@@ -197,7 +199,7 @@ impl Model {
         match purpose {
             Purpose::Adjustment => add_body_boxes(&mut builder, &blocks),
             Purpose::Statistics { frames, .. } => {
-                sources.push((Source::Convention, add_frames(&mut builder, current, &blocks, frames)));
+                sources.push((Source::Frame, add_frames(&mut builder, current, &blocks, frames)));
             }
         }
         sources.push((Source::Convention, add_usual_sizes(&mut builder, start, &blocks, loose)));
@@ -212,6 +214,10 @@ impl Model {
             bodies: blocks.vehicles.iter().filter_map(|vehicle| vehicle.poses[frame]).collect(),
         });
         builder.along_time(steps.collect(), vec![images[0]]);
+        if let Purpose::Statistics { .. } = purpose {
+            // Of the neighbours on both sides, for speeds.
+            builder.select_band(2);
+        }
         builder.arrange(options.arrangement);
         let system = builder.build();
         Model {

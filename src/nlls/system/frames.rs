@@ -162,7 +162,7 @@ pub(super) struct FramesLinear {
 impl Frames {
     /// `None` where the structure is another: a pose is held in part, say.
     pub fn new(
-        (steps, relative): (&[TimeStep], &[usize]),
+        (steps, relative, least_band): (&[TimeStep], &[usize], usize),
         wanted: Arrangement,
         blocks: &[Block],
         groups: &[Box<dyn AnyGroup>],
@@ -191,7 +191,7 @@ impl Frames {
         }
         let mut is_shape = vec![false; blocks.len()];
         let mut is_rest = vec![false; blocks.len()];
-        let mut band = 0;
+        let mut band = least_band.min(steps.len().saturating_sub(1));
         for (index, group) in groups.iter().enumerate() {
             for item in 0..group.len() {
                 let seen = group.blocks(item);

@@ -72,6 +72,7 @@ pub struct SystemBuilder {
     leaves: Vec<BlockId>,
     steps: Vec<TimeStep>,
     relative: Vec<usize>,
+    least_band: usize,
     arrangement: Arrangement,
 }
 
@@ -140,6 +141,11 @@ impl SystemBuilder {
         self.relative = relative.iter().map(|group| group.0).collect();
     }
 
+    /// Wants the covariance of poses of one body that are so many moments apart.
+    pub fn select_band(&mut self, moments: usize) {
+        self.least_band = moments;
+    }
+
     /// Chooses how bodies are eliminated by frames, instead of what takes fewer operations.
     pub fn arrange(&mut self, arrangement: Arrangement) {
         self.arrangement = arrangement;
@@ -177,7 +183,7 @@ impl SystemBuilder {
         let by_frames = || {
             let (pattern, position) = structure(&self.relative);
             let blocks = &self.blocks;
-            let declared = (self.steps.as_slice(), self.relative.as_slice());
+            let declared = (self.steps.as_slice(), self.relative.as_slice(), self.least_band);
             let wanted = self.arrangement;
             let frames = Frames::new(declared, wanted, blocks, &self.groups, &position, &pattern)?;
             Some((pattern, position, frames))

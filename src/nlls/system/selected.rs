@@ -101,24 +101,36 @@ impl SelectedInverse {
         &self.leverages[group.0]
     }
 
+    /// The measurements of a group, in their order: what each sees that is not held whole, and its whitened,
+    /// weighted Jacobian by it. Empty for image points that frames take care of.
+    pub fn jacobians(system: &System, normal: &Normal, group: GroupId) -> Vec<Vec<(BlockId, DMatrix<f64>)>> {
+        let Some(linear) = &normal.linear[group.0] else { return Vec::new() };
+        let group = &system.groups[group.0];
+        let starts = group.column_starts();
+        let of_item = |item: usize| {
+            let seen = group.blocks(item).iter().zip(&starts);
+            seen.filter_map(|(block, start)| {
+                let count = system.range_of(*block)?.len();
+                let columns = linear.columns(item, *start, count);
+                Some((*block, DMatrix::from_column_slice(group.rows(), count, columns)))
+            })
+            .collect()
+        };
+        (0..group.len()).map(of_item).collect()
+    }
+
     fn leverages_of_group(&self, system: &System, normal: &Normal, index: usize) -> Vec<f64> {
         let group = &system.groups[index];
         let rows = group.rows();
         let mut out = vec![0.0; group.len() * rows * rows];
-        let Some(linear) = &normal.linear[index] else { return out };
-        let starts = group.column_starts();
-        for (item, out) in out.chunks_exact_mut(rows * rows).enumerate() {
-            let seen = group.blocks(item).iter().zip(&starts);
-            let seen: Vec<(BlockId, DMatrix<f64>)> = seen
-                .filter_map(|(block, start)| {
-                    let count = system.range_of(*block)?.len();
-                    let columns = linear.columns(item, *start, count);
-                    Some((*block, DMatrix::from_column_slice(rows, count, columns)))
-                })
-                .collect();
+        if normal.linear[index].is_none() {
+            return out;
+        }
+        let jacobians = SelectedInverse::jacobians(system, normal, GroupId(index));
+        for (seen, out) in jacobians.iter().zip(out.chunks_exact_mut(rows * rows)) {
             let mut sum = DMatrix::zeros(rows, rows);
-            for (a, by_a) in &seen {
-                for (b, by_b) in &seen {
+            for (a, by_a) in seen {
+                for (b, by_b) in seen {
                     // What frames see was taken care of.
                     let Some(block) = self.block(system, *a, *b) else { continue };
                     sum += by_a * block * by_b.transpose();
