@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.warnings.splice(0..0, warnings);
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
-    let tables = result_tables(&problem, &initial.estimate, &fits);
+    let tables = result_tables(&problem, &initial.estimate, &fits, None);
     let draw = |_: &_| {
         let summary = format!("# {}\n\nFirst estimate, not adjusted.", problem.name);
         scene(&problem, &initial.estimate, &initial.estimate, &fits, &[], summary)

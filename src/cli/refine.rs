@@ -3,9 +3,11 @@
 use super::Failure;
 use super::options::{Opened, OutputOptions, default_result_folder, motion_prior, positive, shape};
 use super::output::{counted, describe_resection, grouped, print, progress};
+use crate::diagnose::{Diagnosis, diagnose};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
-use crate::refine::{Adjustment, Arrangement, MotionPrior, MotionPriors, RefineOptions, refine};
+use crate::problem::Problem;
+use crate::refine::{Adjusted, Adjustment, Arrangement, MotionPrior, MotionPriors, RefineOptions, adjust};
 use crate::report::{Report, left_out, report_of_adjustment, resection_report, result_tables};
 use crate::scene::scene;
 use clap::Args;
@@ -82,28 +84,52 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         motion: MotionPriors { camera: arguments.camera_motion, vehicle: arguments.vehicle_motion },
     };
     let sink = progress(output.verbose, output.quiet, options.max_iterations);
-    let (estimate, adjustment) = refine(&problem, &initial.estimate, &options, sink)?;
+    let mut adjusted = adjust(&problem, &initial.estimate, &options, sink)?;
+    let refine_s = begin.elapsed().as_secs_f64();
+    let begin = Instant::now();
+    let diagnosis = diagnosed(&problem, &mut adjusted);
+    let diagnose_s = begin.elapsed().as_secs_f64();
+    let Adjusted { estimate, adjustment, .. } = &adjusted;
     output.warn(&adjustment.warnings);
-    let mut report = report_of_adjustment(&problem, &adjustment, left_out(&problem, &estimate));
+    if let Err(missing) = &diagnosis {
+        output.warn(std::slice::from_ref(missing));
+    }
+    let diagnosis = diagnosis.ok();
+    let mut report = report_of_adjustment(&problem, adjustment, left_out(&problem, estimate));
+    if let Some(diagnosis) = &diagnosis {
+        report.add_diagnosis(&problem, diagnosis);
+    }
     report.resection = resection_report(&problem, initial.resection.as_ref());
     report.warnings.splice(0..0, warnings.into_iter().chain(initial.warnings.iter().cloned()));
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", initialise_s);
-    report.seconds.insert("refine", begin.elapsed().as_secs_f64());
+    report.seconds.insert("refine", refine_s);
+    report.seconds.insert("diagnose", diagnose_s);
 
-    let tables = result_tables(&problem, &estimate, &adjustment.fits);
+    let tables =
+        result_tables(&problem, estimate, &adjustment.fits, diagnosis.as_ref().map(|d| &d.precision));
     let records: Vec<_> = adjustment.rounds.iter().flat_map(|round| round.records.iter().copied()).collect();
     let draw = |report: &Report| {
-        let summary = format!("# {}\n\n```\n{}```\n", problem.name, summary(&adjustment, report));
-        scene(&problem, &initial.estimate, &estimate, &adjustment.fits, &records, summary)
+        let summary = format!("# {}\n\n```\n{}```\n", problem.name, summary(adjustment, report));
+        scene(&problem, &initial.estimate, estimate, &adjustment.fits, &records, summary)
     };
     let folder = output.write(&target, &tables, &mut report, draw)?;
     if !output.json && !output.quiet {
         print(&describe_resection(initial.resection.as_ref()))?;
-        print(&summary(&adjustment, &report))?;
+        print(&summary(adjustment, &report))?;
         print(&format!("result      {}\n", folder.display()))?;
     }
     Ok(())
+}
+
+/// The diagnosis, or why there is none.
+fn diagnosed(problem: &Problem, adjusted: &mut Adjusted) -> Result<Diagnosis, String> {
+    let without = |why: String| format!("no standard deviations: {why}");
+    match diagnose(problem, adjusted) {
+        Some(Ok(diagnosis)) => Ok(diagnosis),
+        Some(Err(error)) => Err(without(error.to_string())),
+        None => Err(without("there is no final least squares".to_owned())),
+    }
 }
 
 /// The result in a few lines.

@@ -78,9 +78,12 @@ mod tests {
         for x in [0.1, 1.0, 3.0, 20.0] {
             assert!((chi_square_exceeded(x, 2.0) - (-x / 2.0_f64).exp()).abs() < 1e-14);
         }
-        for (freedom, exceeded, wanted) in
-            [(1.0, 0.05, 3.841_459), (10.0, 0.05, 18.307_038), (10.0, 0.95, 3.940_299), (100.0, 0.01, 135.806_723)]
-        {
+        for (freedom, exceeded, wanted) in [
+            (1.0, 0.05, 3.841_459),
+            (10.0, 0.05, 18.307_038),
+            (10.0, 0.95, 3.940_299),
+            (100.0, 0.01, 135.806_723),
+        ] {
             let found = chi_square_quantile(exceeded, freedom);
             assert!((found - wanted).abs() < 1e-5, "{freedom} {exceeded}: {found}");
         }

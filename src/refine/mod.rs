@@ -15,7 +15,8 @@ mod motion;
 mod outcome;
 mod reversal;
 
-pub use body_frame::{BodyFrame, OPEN_M, body_frames, point_motion, pose_motion, step_of};
+use body_frame::body_frames;
+pub use body_frame::{BodyFrame, OPEN_M, point_motion, pose_motion};
 pub use datum::scale_gap;
 pub use model::{Model, Source};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
@@ -315,7 +316,8 @@ impl Run<'_> {
             minimum = self.round("least squares, weighed anew", ENDED, ROUND_ITERATIONS);
         }
         let found = self.model.estimate(self.problem, self.start, &self.values);
-        let model = std::mem::replace(&mut self.model, robust);
+        let mut model = std::mem::replace(&mut self.model, robust);
+        model.loosen_conventions();
         if !found.is_finite() || matches!(minimum.stop, Stop::Stalled { .. }) {
             return Ok(None);
         }

@@ -52,8 +52,8 @@ const UNCONVENTIONAL: f64 = 100.0;
 pub enum Purpose<'a> {
     /// To find the minimum from afar: weak conventions hold whatever else may not be held.
     Adjustment,
-    /// Least squares on accepted image points and what is known, and nothing else: frames of bodies are held
-    /// by as many coordinates as measurements leave open, and other conventions hardly weigh.
+    /// Least squares on accepted image points and what is known: frames of bodies are held by as many
+    /// coordinates as measurements leave open.
     Statistics {
         /// Which image points are accepted.
         fits: &'a Fits,
@@ -105,6 +105,9 @@ pub struct Model {
     pub vehicle_items: Vec<(usize, usize)>,
     /// For each image point of a target likewise its observation.
     pub target_items: Vec<usize>,
+    /// What a shift of the ground by one standard deviation does to the first row of contacts, whitened: of
+    /// first and of next contacts.
+    pub ground_shift: [(GroupId, Vec<f64>); 2],
     /// Groups of image points: of vehicles, of targets.
     images: [GroupId; 2],
     /// Every other group whose rows are observations of their own, but those of motion.
@@ -166,12 +169,8 @@ impl Model {
         let mut groups: Vec<GroupId> = knowledge.iter().map(|(_, group)| *group).collect();
         let mut sources = vec![(Source::VehicleImages, images[0]), (Source::TargetImages, images[1])];
         sources.extend(knowledge);
-        let loose = match purpose {
-            Purpose::Adjustment => 1.0,
-            Purpose::Statistics { .. } => UNCONVENTIONAL,
-        };
         let starting = Starting { start, cameras: &cameras, vehicles: &vehicles };
-        let poses = add_starting_poses(&mut builder, problem, &starting, &blocks, options.motion, loose);
+        let poses = add_starting_poses(&mut builder, problem, &starting, &blocks, options.motion);
         let of_cameras =
             if problem.camera_pose_sigma.is_unknown() { Source::Convention } else { Source::CameraPoses };
         sources.extend([
@@ -180,7 +179,7 @@ impl Model {
             (Source::Convention, poses[2]),
         ]);
         let poses = [poses[0], poses[1]];
-        let (shapes, shape_rows) = add_starting_shapes(&mut builder, problem, start, &blocks, loose);
+        let (shapes, shape_rows) = add_starting_shapes(&mut builder, problem, start, &blocks);
         sources.push((Source::Convention, shapes));
         let free = |treatment: &Treatment| treatment.free.iter().filter(|free| **free).count();
         let adjusted = vehicles.iter().zip(&start.vehicles).filter(|(_, start)| start.left_out.is_none());
@@ -191,18 +190,18 @@ impl Model {
             Purpose::Statistics { .. } => 0,
         };
         let pose_rows = camera_rows + vehicle_rows;
+        let mut ground_shift = [(images[0], Vec::new()), (images[0], Vec::new())];
         if let Some(ground) = &problem.ground {
-            let contacts = add_contacts(&mut builder, problem, ground, current, &blocks, &mut warnings);
+            ground_shift = add_contacts(&mut builder, problem, ground, current, &blocks, &mut warnings);
+            let contacts = [ground_shift[0].0, ground_shift[1].0];
             groups.extend(contacts);
             sources.extend(contacts.map(|group| (Source::Terrain, group)));
         }
-        match purpose {
-            Purpose::Adjustment => add_body_boxes(&mut builder, &blocks),
-            Purpose::Statistics { frames, .. } => {
-                sources.push((Source::Frame, add_frames(&mut builder, current, &blocks, frames)));
-            }
+        sources.push((Source::Convention, add_body_boxes(&mut builder, &blocks)));
+        if let Purpose::Statistics { frames, .. } = purpose {
+            sources.push((Source::Frame, add_frames(&mut builder, current, &blocks, frames)));
         }
-        sources.push((Source::Convention, add_usual_sizes(&mut builder, start, &blocks, loose)));
+        sources.push((Source::Convention, add_usual_sizes(&mut builder, start, &blocks)));
         sources.push((Source::Convention, add_tie_points(&mut builder, problem, current, &blocks)));
         let motion = add_motion(&mut builder, problem, &blocks, options.motion);
         sources.extend(motion.bodies().map(|(body, group)| match body {
@@ -228,12 +227,31 @@ impl Model {
             sources,
             vehicle_items,
             target_items,
+            ground_shift,
             images,
             priors: groups,
             datum: poses.into_iter().chain([shapes]).collect(),
             datum_rows: pose_rows + shape_rows,
             blocks,
         }
+    }
+
+    /// Takes almost all weight from conventions: what they hold is then seen to be held by nothing else.
+    pub fn loosen_conventions(&mut self) {
+        for (_, group) in self.sources.iter().filter(|(source, _)| *source == Source::Convention) {
+            self.system.set_sigma_factor(*group, UNCONVENTIONAL);
+        }
+    }
+
+    /// Groups of image points: of vehicles, of targets.
+    pub fn image_groups(&self) -> [GroupId; 2] {
+        self.images
+    }
+
+    /// How many observations the rows of a group count as.
+    pub fn counted_rows(&self, group: GroupId) -> usize {
+        let rows = self.system.rows(group);
+        if self.datum.contains(&group) { rows.min(self.datum_rows) } else { rows }
     }
 
     /// By what the standard deviations of image points are multiplied: of vehicles, of targets.
@@ -574,7 +592,6 @@ fn add_starting_shapes(
     problem: &Problem,
     start: &Estimate,
     blocks: &Blocks,
-    loose: f64,
 ) -> (GroupId, usize) {
     let mut rows = Vec::new();
     let mut numbers = 0;
@@ -584,7 +601,7 @@ fn add_starting_shapes(
         }
         let points: Vec<_> =
             blocks.points.iter().zip(&start.points).filter_map(|(b, p)| Some(((*b)?, (*p)?))).collect();
-        let sigma_m = loose * STARTING_SHAPE_SIGMA_M * (points.len() as f64).sqrt();
+        let sigma_m = STARTING_SHAPE_SIGMA_M * (points.len() as f64).sqrt();
         numbers += if points.is_empty() { 0 } else { 3 };
         for (block, point) in points {
             for axis in 0..3 {
@@ -597,19 +614,19 @@ fn add_starting_shapes(
 }
 
 /// Keeps points without depth near the body. Takes no part in the statistics.
-fn add_body_boxes(builder: &mut SystemBuilder, blocks: &Blocks) {
+fn add_body_boxes(builder: &mut SystemBuilder, blocks: &Blocks) -> GroupId {
     let points = blocks.vehicles.iter().flat_map(|vehicle| vehicle.points.iter().flatten());
     let inside = points.map(|block| Measurement {
         residual: InsideBody,
         blocks: [*block],
         sigma: [BODY_BOX_SIGMA_M; 3],
     });
-    builder.add_group("shape point inside a road vehicle", Loss::Squared, inside.collect());
+    builder.add_group("shape point inside a road vehicle", Loss::Squared, inside.collect())
 }
 
 /// What the size of road vehicles says of points: one whose rays leave its depth open lies about where
 /// a car is. Takes no part in the statistics.
-fn add_usual_sizes(builder: &mut SystemBuilder, start: &Estimate, blocks: &Blocks, loose: f64) -> GroupId {
+fn add_usual_sizes(builder: &mut SystemBuilder, start: &Estimate, blocks: &Blocks) -> GroupId {
     let mut rows = Vec::new();
     for (blocks, start) in blocks.vehicles.iter().zip(&start.vehicles) {
         for (block, is_open) in blocks.points.iter().zip(&start.open_depth) {
@@ -618,7 +635,7 @@ fn add_usual_sizes(builder: &mut SystemBuilder, start: &Estimate, blocks: &Block
                 rows.push(Measurement {
                     residual: KnownCoordinate { axis, known_m: middle_m },
                     blocks: [block],
-                    sigma: [half_size_m * if *is_open { loose } else { LOOSENED }],
+                    sigma: [half_size_m * if *is_open { 1.0 } else { LOOSENED }],
                 });
             }
         }
@@ -676,7 +693,6 @@ fn add_starting_poses(
     Starting { start, cameras, vehicles }: &Starting,
     blocks: &Blocks,
     priors: MotionPriors,
-    loose: f64,
 ) -> [GroupId; 3] {
     let row = |block: &BlockId, start: &Pose, sigma: [f64; 6]| Measurement {
         residual: PosePrior { start: *start, axes: Rotation3::identity() },
@@ -701,11 +717,7 @@ fn add_starting_poses(
         for ((block, start), camera) in blocks.poses.iter().zip(starts).zip(cameras) {
             if let (Some(block), Some(start)) = (*block, *start) {
                 let residual = PosePrior { start, axes: datum::ray_axes(camera, &start) };
-                of_vehicles.push(Measurement {
-                    residual,
-                    blocks: [block],
-                    sigma: treatment.prior_sigma.map(|sigma| loose * sigma),
-                });
+                of_vehicles.push(Measurement { residual, blocks: [block], sigma: treatment.prior_sigma });
             }
         }
     }
@@ -723,11 +735,12 @@ fn add_contacts(
     current: &Estimate,
     blocks: &Blocks,
     warnings: &mut Vec<String>,
-) -> [GroupId; 2] {
+) -> [(GroupId, Vec<f64>); 2] {
     let (least_m, least_rad) = LEAST_CONTACT_SIGMA;
     let tilt = ground.tilt_sigma_rad.max(least_rad);
     let sigma = [ground.sigma_m.max(least_m), tilt, tilt];
     let (mut first, mut next) = (Vec::new(), Vec::new());
+    let mut shifts = [Vec::new(), Vec::new()];
     for (at, vehicle) in blocks.vehicles.iter().enumerate() {
         let mut before: Option<(usize, BlockId)> = None;
         let mut without_ground = Vec::new();
@@ -740,14 +753,22 @@ fn add_contacts(
             match before {
                 None => {
                     let residual = FirstContact { terrain: ground.terrain.clone() };
-                    first.push(Measurement { residual, blocks: [pose, blocks.bias], sigma });
+                    let seen = [pose, blocks.bias];
+                    if builder.decides(&seen) {
+                        shifts[0].push(ground.sigma_m / sigma[0]);
+                        first.push(Measurement { residual, blocks: seen, sigma });
+                    }
                 }
                 Some((frame_before, pose_before)) => {
                     let step_s = problem.frames[frame].time_s - problem.frames[frame_before].time_s;
                     let (residual, innovation) =
                         NextContact::after(ground.terrain.clone(), step_s, ground.correlation_s);
                     let sigma = sigma.map(|s| s * innovation);
-                    next.push(Measurement { residual, blocks: [pose, pose_before, blocks.bias], sigma });
+                    let seen = [pose, pose_before, blocks.bias];
+                    if builder.decides(&seen) {
+                        shifts[1].push((1.0 - residual.correlation) * ground.sigma_m / sigma[0]);
+                        next.push(Measurement { residual, blocks: seen, sigma });
+                    }
                 }
             }
             before = Some((frame, pose));
@@ -762,9 +783,10 @@ fn add_contacts(
             ));
         }
     }
+    let [of_first, of_next] = shifts;
     [
-        builder.add_group("first contact with the ground", Loss::Squared, first),
-        builder.add_group("next contact with the ground", Loss::Squared, next),
+        (builder.add_group("first contact with the ground", Loss::Squared, first), of_first),
+        (builder.add_group("next contact with the ground", Loss::Squared, next), of_next),
     ]
 }
 

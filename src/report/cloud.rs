@@ -26,7 +26,7 @@ impl PropertyAccess for Vertex {
 
 /// The points of a vehicle that have coordinates, in the order of its table, as an ASCII PLY file. A
 /// standard deviation that was not computed is `NaN`.
-pub fn shape(vehicle: &Vehicle, estimate: &VehicleEstimate) -> Vec<u8> {
+pub fn shape(vehicle: &Vehicle, estimate: &VehicleEstimate, sigmas: &[Option<[f64; 3]>]) -> Vec<u8> {
     let mut ply = Ply::<Vertex>::new();
     ply.header.encoding = Encoding::Ascii;
     let id: String = vehicle.id.chars().filter(char::is_ascii_graphic).collect();
@@ -37,10 +37,13 @@ pub fn shape(vehicle: &Vehicle, estimate: &VehicleEstimate) -> Vec<u8> {
         element.properties.add(PropertyDef::new(property.to_owned(), kind));
     }
     ply.header.elements.add(element);
-    let vertex = |p: &nalgebra::Point3<f64>| {
-        Vertex([metres(p.x), metres(p.y), metres(p.z), f64::NAN, f64::NAN, f64::NAN])
+    let vertex = |(at, point): (usize, &Option<nalgebra::Point3<f64>>)| {
+        let p = (*point)?;
+        let [x, y, z] = sigmas.get(at).copied().flatten().unwrap_or([f64::NAN; 3]);
+        Some(Vertex([metres(p.x), metres(p.y), metres(p.z), metres(x), metres(y), metres(z)]))
     };
-    ply.payload.insert("vertex".to_owned(), estimate.points.iter().flatten().map(vertex).collect());
+    let vertices = estimate.points.iter().enumerate().filter_map(vertex).collect();
+    ply.payload.insert("vertex".to_owned(), vertices);
     let mut bytes = Vec::new();
     Writer::new().write_ply(&mut bytes, &mut ply).expect("writing a consistent cloud to memory");
     bytes

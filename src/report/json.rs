@@ -1,6 +1,8 @@
 //! `report.json`: what was solved and how well, for programs.
 
+use super::diagnosis::{ScaleReport, StatisticsReport, scale_reports, statistics_report};
 use super::folder::PROGRAM;
+use crate::diagnose::Diagnosis;
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
 use crate::nlls::linear::ordering::Rule;
@@ -10,9 +12,14 @@ use crate::refine::{Adjustment, Body};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
+/// Version of the form of the report.
+pub const SCHEMA: u32 = 1;
+
 /// The report. Units stand in the names; else metres, seconds, degrees.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// Version of this form; fields may be added without a new one.
+    pub schema: u32,
     /// Always `trackbundle`: by this a folder is known as a result.
     pub program: &'static str,
     /// Version of the program.
@@ -51,6 +58,12 @@ pub struct Report {
     pub not_used: usize,
     /// How cameras without a given pose were found; `null` where all were given.
     pub resection: Option<ResectionReport>,
+    /// The final least squares on accepted image points.
+    pub least_squares: Option<LeastSquaresReport>,
+    /// Statistics of that.
+    pub statistics: Option<StatisticsReport>,
+    /// What determined the scale of each vehicle.
+    pub scales: Vec<ScaleReport>,
     /// The loss of image points.
     pub loss: Option<LossReport>,
     /// The motion priors.
@@ -153,6 +166,29 @@ pub struct CheckPointReport {
     pub dy: Option<f64>,
     /// Along z.
     pub dz: Option<f64>,
+    /// Standard deviation of the difference along x: of cameras, image points and survey.
+    pub sigma_dx: Option<f64>,
+    /// Along y.
+    pub sigma_dy: Option<f64>,
+    /// Along z.
+    pub sigma_dz: Option<f64>,
+    /// Chi-square of the difference, of three degrees of freedom.
+    pub chi_square: Option<f64>,
+    /// Probability of a larger one.
+    pub probability: Option<f64>,
+}
+
+/// What the final least squares did.
+#[derive(Clone, Debug, Serialize)]
+pub struct LeastSquaresReport {
+    /// By what standard deviations of image points of vehicles were multiplied: 1 where they proved right.
+    pub sigma_factor_vehicles: f64,
+    /// The same of targets.
+    pub sigma_factor_targets: f64,
+    /// How far shape points in the world moved from the robust solution, root mean square.
+    pub moved_rms_m: f64,
+    /// The farthest.
+    pub moved_largest_m: f64,
 }
 
 /// How the normal equations were eliminated.
@@ -198,6 +234,12 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
         outliers: adjustment.fits.outliers,
         behind_camera: adjustment.fits.behind_camera,
         not_used: adjustment.fits.not_used,
+        least_squares: adjustment.least_squares.map(|found| LeastSquaresReport {
+            sigma_factor_vehicles: found.image_factors[0],
+            sigma_factor_targets: found.image_factors[1],
+            moved_rms_m: found.moved_m[0],
+            moved_largest_m: found.moved_m[1],
+        }),
         loss: Some(loss_report(&adjustment.image_loss)),
         motion: adjustment
             .motion
@@ -220,6 +262,11 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
                 dx: check.difference_m.map(|d| d.x),
                 dy: check.difference_m.map(|d| d.y),
                 dz: check.difference_m.map(|d| d.z),
+                sigma_dx: None,
+                sigma_dy: None,
+                sigma_dz: None,
+                chi_square: None,
+                probability: None,
             })
             .collect(),
         elimination: Some(EliminationReport {
@@ -292,6 +339,7 @@ pub fn resection_report(problem: &Problem, resection: Option<&Resection>) -> Opt
 
 fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
     Report {
+        schema: SCHEMA,
         program: PROGRAM,
         version: env!("CARGO_PKG_VERSION"),
         problem: problem.name.clone(),
@@ -311,6 +359,9 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         behind_camera: 0,
         not_used: 0,
         resection: None,
+        least_squares: None,
+        statistics: None,
+        scales: Vec::new(),
         loss: None,
         motion: Vec::new(),
         check_points: Vec::new(),
@@ -335,6 +386,18 @@ fn loss_report(loss: &Loss) -> LossReport {
 }
 
 impl Report {
+    /// Adds what a diagnosis says.
+    pub fn add_diagnosis(&mut self, problem: &Problem, diagnosis: &Diagnosis) {
+        self.statistics = Some(statistics_report(problem, diagnosis));
+        self.scales = scale_reports(problem, diagnosis);
+        for (report, found) in self.check_points.iter_mut().zip(&diagnosis.check_points) {
+            let [x, y, z] = found.sigma_m.map_or([None; 3], |sigma| sigma.map(Some));
+            (report.sigma_dx, report.sigma_dy, report.sigma_dz) = (x, y, z);
+            report.chi_square = found.chi_square.map(|(value, _)| value);
+            report.probability = found.chi_square.map(|(_, probability)| probability);
+        }
+    }
+
     /// Its text, as it stands in the folder.
     pub fn to_json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self).expect("plain data");

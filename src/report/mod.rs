@@ -1,6 +1,7 @@
 //! Results into bytes, and the whole folder at once or not at all.
 
 mod cloud;
+mod diagnosis;
 pub mod folder;
 mod json;
 mod rounding;

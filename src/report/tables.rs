@@ -2,6 +2,7 @@
 
 use super::rounding::{METRE, PIXEL, RATIO, metres, round};
 use super::{File, cloud};
+use crate::diagnose::{PosePrecision, Precision};
 use crate::estimate::Estimate;
 use crate::files::rows::{
     CameraPoseResult, ResidualResult, ResultRow, TrajectoryResult, VehiclePointResult, VehiclePoseResult,
@@ -10,21 +11,40 @@ use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::Problem;
 use crate::refine::{Fits, ObservationFit};
 
-/// All tables and clouds of a result.
-pub fn result_tables(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<File> {
+/// All tables and clouds of a result; standard deviations that are not there are left empty.
+pub fn result_tables(
+    problem: &Problem,
+    estimate: &Estimate,
+    fits: &Fits,
+    precision: Option<&Precision>,
+) -> Vec<File> {
+    let none = Precision::default();
+    let precision = precision.unwrap_or(&none);
     let mut files = vec![
-        table("camera_poses.csv", camera_poses(problem, estimate)),
-        table("vehicle_poses.csv", vehicle_poses(problem, estimate)),
-        table("vehicle_points.csv", vehicle_points(problem, estimate, fits)),
-        table("trajectories.csv", trajectories(problem, estimate)),
+        table("camera_poses.csv", camera_poses(problem, estimate, precision)),
+        table("vehicle_poses.csv", vehicle_poses(problem, estimate, precision)),
+        table("vehicle_points.csv", vehicle_points(problem, estimate, fits, precision)),
+        table("trajectories.csv", trajectories(problem, estimate, precision)),
         table("residuals.csv", residuals(problem, fits)),
     ];
-    for (vehicle, estimate) in problem.vehicles.iter().zip(&estimate.vehicles) {
+    for (at, (vehicle, estimate)) in problem.vehicles.iter().zip(&estimate.vehicles).enumerate() {
         if estimate.left_out.is_none() {
-            files.push((format!("shape_{}.ply", vehicle.id), cloud::shape(vehicle, estimate)));
+            let sigmas = precision.points.get(at).map_or(&[][..], Vec::as_slice);
+            files.push((format!("shape_{}.ply", vehicle.id), cloud::shape(vehicle, estimate, sigmas)));
         }
     }
     files
+}
+
+/// Standard deviations of a pose as they are written: position, then roll, pitch and yaw in degrees.
+fn pose_sigmas(precision: Option<&PosePrecision>) -> [Option<f64>; 6] {
+    let Some(PosePrecision { position_m, attitude_rad }) = precision else { return [None; 6] };
+    std::array::from_fn(|i| {
+        Some(match i {
+            0..3 => metres(position_m[i]),
+            _ => round(attitude_rad[i - 3].to_degrees(), PIXEL),
+        })
+    })
 }
 
 /// A table as CSV, its header first even when no row follows.
@@ -43,8 +63,10 @@ fn pose_numbers(pose: &Pose) -> ([f64; 3], [f64; 4]) {
     (position.map(metres), quaternion_wxyz(pose).map(|v| round(v, RATIO)))
 }
 
-fn camera_poses(problem: &Problem, estimate: &Estimate) -> Vec<CameraPoseResult> {
-    let row = |(frame, pose): (&crate::problem::Frame, &Pose)| {
+fn camera_poses(problem: &Problem, estimate: &Estimate, precision: &Precision) -> Vec<CameraPoseResult> {
+    let row = |(at, (frame, pose)): (usize, (&crate::problem::Frame, &Pose))| {
+        let sigmas = pose_sigmas(precision.cameras.get(at).and_then(Option::as_ref));
+        let [sigma_x, sigma_y, sigma_z, sigma_roll_deg, sigma_pitch_deg, sigma_yaw_deg] = sigmas;
         let ([x, y, z], [qw, qx, qy, qz]) = pose_numbers(pose);
         CameraPoseResult {
             frame: frame.number,
@@ -55,24 +77,27 @@ fn camera_poses(problem: &Problem, estimate: &Estimate) -> Vec<CameraPoseResult>
             qx,
             qy,
             qz,
-            sigma_x: None,
-            sigma_y: None,
-            sigma_z: None,
-            sigma_roll_deg: None,
-            sigma_pitch_deg: None,
-            sigma_yaw_deg: None,
+            sigma_x,
+            sigma_y,
+            sigma_z,
+            sigma_roll_deg,
+            sigma_pitch_deg,
+            sigma_yaw_deg,
         }
     };
-    problem.frames.iter().zip(&estimate.camera_poses).map(row).collect()
+    problem.frames.iter().zip(&estimate.camera_poses).enumerate().map(row).collect()
 }
 
-fn vehicle_poses(problem: &Problem, estimate: &Estimate) -> Vec<VehiclePoseResult> {
+fn vehicle_poses(problem: &Problem, estimate: &Estimate, precision: &Precision) -> Vec<VehiclePoseResult> {
     let mut rows = Vec::new();
     for (frame_at, frame) in problem.frames.iter().enumerate() {
-        for (vehicle, estimate) in problem.vehicles.iter().zip(&estimate.vehicles) {
+        for (at, (vehicle, estimate)) in problem.vehicles.iter().zip(&estimate.vehicles).enumerate() {
             let reported = estimate.left_out.is_none() && vehicle.span().contains(&frame_at);
             let Some(pose) = estimate.poses[frame_at].filter(|_| reported) else { continue };
             let ([x, y, z], [qw, qx, qy, qz]) = pose_numbers(&pose);
+            let of_vehicle = precision.vehicles.get(at).and_then(|poses| poses.get(frame_at));
+            let sigmas = pose_sigmas(of_vehicle.and_then(Option::as_ref));
+            let [sigma_x, sigma_y, sigma_z, sigma_roll_deg, sigma_pitch_deg, sigma_yaw_deg] = sigmas;
             rows.push(VehiclePoseResult {
                 frame: frame.number,
                 vehicle: vehicle.id.clone(),
@@ -83,19 +108,24 @@ fn vehicle_poses(problem: &Problem, estimate: &Estimate) -> Vec<VehiclePoseResul
                 qx,
                 qy,
                 qz,
-                sigma_x: None,
-                sigma_y: None,
-                sigma_z: None,
-                sigma_roll_deg: None,
-                sigma_pitch_deg: None,
-                sigma_yaw_deg: None,
+                sigma_x,
+                sigma_y,
+                sigma_z,
+                sigma_roll_deg,
+                sigma_pitch_deg,
+                sigma_yaw_deg,
             });
         }
     }
     rows
 }
 
-fn vehicle_points(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<VehiclePointResult> {
+fn vehicle_points(
+    problem: &Problem,
+    estimate: &Estimate,
+    fits: &Fits,
+    precision: &Precision,
+) -> Vec<VehiclePointResult> {
     let mut rows = Vec::new();
     for (at, (vehicle, estimate)) in problem.vehicles.iter().zip(&estimate.vehicles).enumerate() {
         let mut of_point: Vec<Vec<ObservationFit>> = vec![Vec::new(); vehicle.points.len()];
@@ -106,6 +136,8 @@ fn vehicle_points(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<Ve
         for (point, shape_point) in vehicle.points.iter().enumerate() {
             let position = estimate.points[point].filter(|_| estimate.left_out.is_none());
             let coordinate = |axis: usize| position.map(|p| metres(p[axis]));
+            let sigmas = precision.points.get(at).and_then(|points| points[point]);
+            let sigma = |axis: usize| sigmas.map(|sigmas| metres(sigmas[axis]));
             let inliers: Vec<f64> = of_point[point]
                 .iter()
                 .filter(|fit| !fit.is_outlier)
@@ -118,9 +150,9 @@ fn vehicle_points(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<Ve
                 x: coordinate(0),
                 y: coordinate(1),
                 z: coordinate(2),
-                sigma_x: None,
-                sigma_y: None,
-                sigma_z: None,
+                sigma_x: sigma(0),
+                sigma_y: sigma(1),
+                sigma_z: sigma(2),
                 observations: sightings[point],
                 inliers: inliers.len(),
                 rms_px: (!inliers.is_empty()).then(|| round(mean_square.sqrt(), PIXEL)),
@@ -130,14 +162,17 @@ fn vehicle_points(problem: &Problem, estimate: &Estimate, fits: &Fits) -> Vec<Ve
     rows
 }
 
-fn trajectories(problem: &Problem, estimate: &Estimate) -> Vec<TrajectoryResult> {
+fn trajectories(problem: &Problem, estimate: &Estimate, precision: &Precision) -> Vec<TrajectoryResult> {
     let mut rows = Vec::new();
-    for (vehicle, estimate) in problem.vehicles.iter().zip(&estimate.vehicles) {
+    for (index, (vehicle, estimate)) in problem.vehicles.iter().zip(&estimate.vehicles).enumerate() {
         if estimate.left_out.is_some() {
             continue;
         }
-        for at in estimate.track(problem, vehicle) {
+        let of_vehicle = precision.tracks.get(index);
+        for (place, at) in estimate.track(problem, vehicle).into_iter().enumerate() {
             let frame = problem.frames[at.frame];
+            let sigmas = of_vehicle.and_then(|track| track[place]);
+            let sigma = |axis: usize| sigmas.map(|sigmas| metres(sigmas.position_m[axis]));
             rows.push(TrajectoryResult {
                 vehicle: vehicle.id.clone(),
                 frame: frame.number,
@@ -147,12 +182,12 @@ fn trajectories(problem: &Problem, estimate: &Estimate) -> Vec<TrajectoryResult>
                 z: metres(at.position.z),
                 speed_mps: at.speed_mps.map(|v| round(v, METRE)),
                 heading_deg: round(at.heading_rad.to_degrees(), PIXEL),
-                sigma_x: None,
-                sigma_y: None,
-                sigma_z: None,
-                cov_xy: None,
-                sigma_speed_mps: None,
-                sigma_heading_deg: None,
+                sigma_x: sigma(0),
+                sigma_y: sigma(1),
+                sigma_z: sigma(2),
+                cov_xy: sigmas.and_then(|s| s.covariance_xy_m2).map(|c| round(c, RATIO)),
+                sigma_speed_mps: sigmas.and_then(|s| s.speed_mps).map(|v| round(v, METRE)),
+                sigma_heading_deg: sigmas.map(|s| round(s.heading_rad.to_degrees(), PIXEL)),
             });
         }
     }

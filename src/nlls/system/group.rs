@@ -72,6 +72,7 @@ pub(super) trait AnyGroup: Send + Sync {
     fn sigma_factor(&self) -> f64;
     fn cost(&self, system: &System, values: &Values) -> Cost;
     fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
+    fn residuals(&self, system: &System, values: &Values) -> Vec<Option<Vec<f64>>>;
     fn linear(&self) -> Linear;
     /// `J x`, whitened and weighted, row by row.
     fn product(&self, system: &System, values: &Values, x: &[f64]) -> Vec<f64>;
@@ -315,6 +316,13 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         self.measurements
             .par_iter()
             .map(|m| self.whitened(m, system, values, None).map(|r| r.norm_squared()))
+            .collect()
+    }
+
+    fn residuals(&self, system: &System, values: &Values) -> Vec<Option<Vec<f64>>> {
+        self.measurements
+            .par_iter()
+            .map(|m| self.whitened(m, system, values, None).map(|r| r.as_slice().to_vec()))
             .collect()
     }
 

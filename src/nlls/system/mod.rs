@@ -434,6 +434,11 @@ impl System {
         self.groups[group.0].squared_norms(self, values)
     }
 
+    /// Whitened residuals of a group, before the loss; `None` where the geometry is impossible.
+    pub fn residuals(&self, group: GroupId, values: &Values) -> Vec<Option<Vec<f64>>> {
+        self.groups[group.0].residuals(self, values)
+    }
+
     /// `J x` for the whitened, weighted rows of a group at `values`, and `x` in elimination order.
     pub fn product(&self, group: GroupId, values: &Values, x: &[f64]) -> Vec<f64> {
         self.groups[group.0].product(self, values, x)

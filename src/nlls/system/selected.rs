@@ -198,15 +198,15 @@ impl TogetherFactor {
             .map(|first| {
                 let rows = BORDER_ROWS.min(all - first);
                 let mut piece = DMatrix::zeros(rows, chain.size());
-                let shapes = rows.min(m.saturating_sub(first));
+                let shapes = first.min(m)..(first + rows).min(m);
                 for (t, &(c, y)) in frames.dims.iter().enumerate() {
                     for column in 0..y {
                         let seen = &linear.coupling[0][(frames.y_starts[t] + column) * m..][..m];
                         let mut out = piece.column_mut(chain.start(t) + c + column);
-                        out.as_mut_slice()[..shapes].copy_from_slice(&seen[first..first + shapes]);
+                        out.as_mut_slice()[..shapes.len()].copy_from_slice(&seen[shapes.clone()]);
                     }
                 }
-                for row in shapes..rows {
+                for row in shapes.len()..rows {
                     piece.row_mut(row).tr_copy_from(&rest.column(first + row - m));
                 }
                 chain.solve_rows(&mut piece);

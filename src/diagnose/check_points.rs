@@ -1,0 +1,101 @@
+//! Check points: targets that the adjustment did not use, intersected from its cameras.
+//!
+//! With the rays' normal equations `N = sum A^T A` (`A` the whitened derivative of an image point by the
+//! target), an intersected point moves by
+//!
+//! ```text
+//! dX = -N^-1 sum A^T (C dc + noise)        C the derivative by the camera's pose
+//! ```
+//!
+//! so that its covariance is that of the image points, `N^-1`, and that of the cameras, all frames together.
+
+use super::distribution::chi_square_exceeded;
+use crate::estimate::Estimate;
+use crate::initialise::intersect_target;
+use crate::nlls::covariance::Covariance;
+use crate::nlls::manifold::write_pose;
+use crate::nlls::residual::{Jacobian, Residual};
+use crate::problem::{Problem, Role};
+use crate::refine::Network;
+use crate::residuals::target_image_point::TargetImagePoint;
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use std::sync::Arc;
+
+/// A check point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CheckPoint {
+    /// Its id.
+    pub id: String,
+    /// Intersected minus surveyed \[m\]; `None` where its rays do not meet.
+    pub difference_m: Option<Vector3<f64>>,
+    /// Standard deviation of the difference: of cameras, image points and survey \[m\].
+    pub sigma_m: Option<[f64; 3]>,
+    /// Chi-square of the difference, of three degrees of freedom, and the probability of a larger one.
+    pub chi_square: Option<(f64, f64)>,
+}
+
+/// The check points of a problem.
+pub fn check_points(
+    problem: &Problem,
+    estimate: &Estimate,
+    network: &Network,
+    covariance: &mut Covariance<'_>,
+    variance_factor: f64,
+) -> Vec<CheckPoint> {
+    let mut found = Vec::new();
+    for (at, target) in problem.targets.iter().enumerate() {
+        let Some(surveyed) = target.surveyed().filter(|_| target.role == Role::Check) else { continue };
+        let place = intersect_target(problem, &estimate.camera_poses, at);
+        let difference_m = place.map(|place| place - surveyed);
+        let of_place = place
+            .and_then(|place| of_intersection(problem, estimate, network, covariance, at, &place))
+            .map(|of_place| of_place * variance_factor);
+        let survey = Vector3::from(target.known.map(|known| known.map_or(0.0, |k| k.sigma_m * k.sigma_m)));
+        let all = of_place.map(|of_place| of_place + Matrix3::from_diagonal(&survey));
+        let chi_square = all.and_then(|all| {
+            let difference = difference_m?;
+            let value = difference.dot(&(all.try_inverse()? * difference));
+            Some((value, chi_square_exceeded(value, 3.0)))
+        });
+        found.push(CheckPoint {
+            id: target.id.clone(),
+            difference_m,
+            sigma_m: all.map(|all| [0, 1, 2].map(|axis| all[(axis, axis)].max(0.0).sqrt())),
+            chi_square,
+        });
+    }
+    found
+}
+
+/// Covariance of an intersected target, for a variance of unit weight of 1.
+fn of_intersection(
+    problem: &Problem,
+    estimate: &Estimate,
+    network: &Network,
+    covariance: &mut Covariance<'_>,
+    target: usize,
+    place: &nalgebra::Point3<f64>,
+) -> Option<Matrix3<f64>> {
+    let system = &network.model.system;
+    let camera = Arc::new(problem.camera.clone());
+    let mut normal = Matrix3::zeros();
+    let mut of_cameras = DMatrix::zeros(system.pattern().size(), 3);
+    for observation in problem.target_observations.iter().filter(|o| o.target == target) {
+        let residual = TargetImagePoint { camera: camera.clone(), observed_px: observation.image_px };
+        let pose = write_pose(&estimate.camera_poses[observation.frame]);
+        let mut jacobian = Jacobian::zeros();
+        residual.evaluate(&[&pose, place.coords.as_slice()], Some(&mut jacobian))?;
+        let by_camera = jacobian.0[0].fixed_columns::<6>(0) / observation.sigma_px;
+        let by_target = jacobian.0[1].fixed_columns::<3>(0) / observation.sigma_px;
+        normal += by_target.transpose() * by_target;
+        if let Some(range) = system.range_of(network.model.camera(observation.frame)) {
+            let mut rows = of_cameras.rows_mut(range.start, 6);
+            rows += by_camera.transpose() * by_target;
+        }
+    }
+    let inverse = normal.try_inverse()?;
+    let of_cameras = of_cameras * inverse;
+    let of_cameras = DMatrix::from_column_slice(of_cameras.nrows(), 3, of_cameras.as_slice());
+    let moved = of_cameras.transpose() * covariance.times(&of_cameras);
+    Some(inverse + moved.fixed_view::<3, 3>(0, 0))
+}

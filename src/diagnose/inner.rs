@@ -1,0 +1,287 @@
+//! Covariance with inner constraints, and what of it is nobody's knowledge.
+//!
+//! What measurements leave open of the frame of a body is held by single coordinates in the least squares;
+//! here that is transformed to inner constraints on its shape (Baarda's S-transformation), in which each point
+//! weighs by its own variance: one that is hardly determined must not blur the frame of all others. With the
+//! open directions `G`, the weights `W` of the points, `B = W G` and `G^T B = 1`, and `Y = Q B`,
+//!
+//! ```text
+//! Q'_ab = Q_ab - G_a Y_b^T - Y_a G_b^T + G_a (B^T Y) G_b^T
+//! ```
+//!
+//! Some of a variance may come from conventions: weak rows that keep an unknown in its place of which nothing
+//! is known. Where they are most of it, the quantity is not determined, and its standard deviation is
+//! infinite. That of a scale reaches everything along its direction `z = Q a`, of variance `a^T z`.
+
+use crate::nlls::covariance::Covariance;
+use crate::nlls::system::BlockId;
+use crate::refine::{BodyFrame, Network, Source, point_motion, pose_motion};
+use nalgebra::{DMatrix, DVector, Vector6};
+use std::collections::BTreeMap;
+
+/// The share of a variance that comes from conventions from which a quantity is not determined.
+pub const UNDETERMINED: f64 = 0.5;
+
+/// The covariance of a network.
+pub struct Inner<'a> {
+    pub network: &'a Network,
+    pub covariance: Covariance<'a>,
+    /// Variance of unit weight.
+    variance: f64,
+    bodies: Vec<Body>,
+    /// What conventions contribute to the covariance of a block by their rows on it.
+    conventions: BTreeMap<usize, DMatrix<f64>>,
+}
+
+struct Body {
+    /// Orthonormal in the weighted shifts of points.
+    open: Vec<Vector6<f64>>,
+    /// Of each point that counts.
+    weights: Vec<f64>,
+    /// `Y` and `B^T Y`.
+    times: DMatrix<f64>,
+    square: DMatrix<f64>,
+    /// Covariance with three coordinates of a point.
+    marker: Option<(BlockId, DMatrix<f64>)>,
+    /// The direction of an undetermined scale, so long that its square is the variance that conventions
+    /// leave it, and its part in the open directions.
+    scale: Option<(Vec<f64>, DVector<f64>)>,
+}
+
+/// A block in the covariance of several: how it moves with the open directions of its body.
+pub struct Piece {
+    pub block: BlockId,
+    pub motion: DMatrix<f64>,
+}
+
+/// A covariance, and the part of it that comes from conventions.
+pub struct Joint {
+    pub covariance: DMatrix<f64>,
+    pub conventions: DMatrix<f64>,
+}
+
+impl Joint {
+    /// The variance of a linear function; infinite where it is not determined.
+    pub fn variance(&self, gradient: &DVector<f64>) -> f64 {
+        let of = |matrix: &DMatrix<f64>| (gradient.transpose() * matrix * gradient)[(0, 0)].max(0.0);
+        let variance = of(&self.covariance);
+        if of(&self.conventions) > UNDETERMINED * variance { f64::INFINITY } else { variance }
+    }
+
+    /// Standard deviations of the components.
+    pub fn sigmas<const N: usize>(&self) -> [f64; N] {
+        std::array::from_fn(|i| {
+            let mut unit = DVector::zeros(N);
+            unit[i] = 1.0;
+            self.variance(&unit).sqrt()
+        })
+    }
+}
+
+/// Weights of the points of each vehicle: the inverse of their mean variance, one in the mean.
+pub fn weights(network: &Network, covariance: &Covariance<'_>) -> Vec<Vec<f64>> {
+    let of_vehicle = |(vehicle, frame): (usize, &BodyFrame)| {
+        let of_point = |point: usize| {
+            let block = network.model.shape_point(vehicle, point)?;
+            Some(1.0 / covariance.block(block, block)?.trace())
+        };
+        let mut weights: Vec<f64> = frame
+            .points
+            .iter()
+            .map(|(point, _)| of_point(*point).filter(|w| w.is_finite()).unwrap_or(0.0))
+            .collect();
+        let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
+        if mean > 0.0 {
+            weights.iter_mut().for_each(|weight| *weight /= mean);
+        } else {
+            // All are known exactly.
+            weights.fill(1.0);
+        }
+        weights
+    };
+    network.frames.iter().enumerate().map(of_vehicle).collect()
+}
+
+/// The open directions of a frame, orthonormal in the weighted shifts of its points.
+fn orthonormal(frame: &BodyFrame, weights: &[f64]) -> Vec<Vector6<f64>> {
+    let dot = |a: &Vector6<f64>, b: &Vector6<f64>| -> f64 {
+        let of_point = |((_, place), weight): (&(usize, nalgebra::Point3<f64>), &f64)| {
+            point_motion(a, place).dot(&point_motion(b, place)) * weight
+        };
+        frame.points.iter().zip(weights).map(of_point).sum()
+    };
+    let mut out: Vec<Vector6<f64>> = Vec::new();
+    for direction in &frame.open {
+        let mut direction = *direction;
+        for _ in 0..2 {
+            for other in &out {
+                direction -= other * dot(&direction, other);
+            }
+        }
+        let length = dot(&direction, &direction).sqrt();
+        out.push(direction / length);
+    }
+    out
+}
+
+impl<'a> Inner<'a> {
+    /// The covariance of `network`, of which `markers` are the points whose tracks are wanted.
+    pub fn new(
+        network: &'a Network,
+        mut covariance: Covariance<'a>,
+        variance: f64,
+        weights: &[Vec<f64>],
+        markers: &[Option<usize>],
+    ) -> Self {
+        let opens: Vec<Vec<Vector6<f64>>> =
+            network.frames.iter().zip(weights).map(|(frame, weights)| orthonormal(frame, weights)).collect();
+        let n = network.model.system.pattern().size();
+        let mut sides = DMatrix::zeros(n, 0);
+        let mut counts = Vec::new();
+        for (vehicle, frame) in network.frames.iter().enumerate() {
+            let mut columns = DMatrix::zeros(n, frame.open.len() + 3);
+            for (k, direction) in opens[vehicle].iter().enumerate() {
+                for ((point, place), weight) in frame.points.iter().zip(&weights[vehicle]) {
+                    let block = network.model.shape_point(vehicle, *point).expect("a point that counts");
+                    let range = network.model.system.range_of(block);
+                    if let Some(range) = range {
+                        let moved = point_motion(direction, place) * *weight;
+                        columns.view_mut((range.start, k), (3, 1)).copy_from(&moved);
+                    }
+                }
+            }
+            let marker = markers[vehicle].and_then(|point| network.model.shape_point(vehicle, point));
+            let marker_range = marker.and_then(|block| network.model.system.range_of(block));
+            let used = match &marker_range {
+                Some(range) => {
+                    for axis in 0..3 {
+                        columns[(range.start + axis, frame.open.len() + axis)] = 1.0;
+                    }
+                    frame.open.len() + 3
+                }
+                None => frame.open.len(),
+            };
+            counts.push((used, marker.filter(|_| marker_range.is_some())));
+            let at = sides.ncols();
+            sides = sides.insert_columns(at, used, 0.0);
+            sides.columns_mut(at, used).copy_from(&columns.columns(0, used));
+        }
+        let solved = covariance.times(&sides);
+        let mut at = 0;
+        let bodies = opens.into_iter().zip(weights).zip(counts);
+        let bodies = bodies
+            .map(|((open, weights), (used, marker))| {
+                let k = open.len();
+                let times = solved.columns(at, k).into_owned();
+                let square = sides.columns(at, k).transpose() * &times;
+                let marker = marker.map(|block| (block, solved.columns(at + k, 3).into_owned()));
+                at += used;
+                Body { open, weights: weights.clone(), times, square, marker, scale: None }
+            })
+            .collect();
+        let mut inner = Inner { network, covariance, variance, bodies, conventions: BTreeMap::new() };
+        inner.find_conventions();
+        inner
+    }
+
+    fn find_conventions(&mut self) {
+        let mut found: BTreeMap<usize, DMatrix<f64>> = BTreeMap::new();
+        for group in self.network.model.groups_of(Source::Convention) {
+            for seen in self.covariance.jacobians(group) {
+                let [(block, jacobian)] = seen.as_slice() else { continue };
+                let Some(own) = self.covariance.block(*block, *block) else { continue };
+                let moved = own * jacobian.transpose();
+                let part = &moved * moved.transpose();
+                let start = self.network.model.system.range_of(*block).expect("free").start;
+                found.entry(start).and_modify(|sum| *sum += &part).or_insert(part);
+            }
+        }
+        self.conventions = found;
+    }
+
+    /// Says that conventions leave the scale of a vehicle undetermined: its direction `Q a`, of variance
+    /// `a^T Q a`.
+    pub fn set_undetermined_scale(&mut self, vehicle: usize, direction: &[f64], variance: f64) {
+        let z: Vec<f64> = direction.iter().map(|z| z / variance.sqrt()).collect();
+        let frame = &self.network.frames[vehicle];
+        let body = &self.bodies[vehicle];
+        let mut of_open = DVector::zeros(body.open.len());
+        for (k, open) in body.open.iter().enumerate() {
+            for ((point, place), weight) in frame.points.iter().zip(&body.weights) {
+                let block = self.network.model.shape_point(vehicle, *point).expect("a point that counts");
+                if let Some(range) = self.network.model.system.range_of(block) {
+                    let moved = point_motion(open, place) * *weight;
+                    of_open[k] += z[range].iter().zip(moved.iter()).map(|(a, b)| a * b).sum::<f64>();
+                }
+            }
+        }
+        self.bodies[vehicle].scale = Some((z, of_open));
+    }
+
+    /// A camera or target: no frame of a body moves it.
+    pub fn fixed_piece(&self, vehicle: usize, block: BlockId) -> Piece {
+        let size = self.network.model.system.free(block).len();
+        Piece { block, motion: DMatrix::zeros(size, self.bodies[vehicle].open.len()) }
+    }
+
+    /// A pose of a vehicle.
+    pub fn pose_piece(&self, vehicle: usize, block: BlockId, pose: &crate::geometry::Pose) -> Piece {
+        let open = &self.bodies[vehicle].open;
+        let motion = DMatrix::from_fn(6, open.len(), |row, k| pose_motion(&open[k], pose)[row]);
+        Piece { block, motion }
+    }
+
+    /// A point of a vehicle.
+    pub fn point_piece(&self, vehicle: usize, block: BlockId, point: &nalgebra::Point3<f64>) -> Piece {
+        let open = &self.bodies[vehicle].open;
+        let motion = DMatrix::from_fn(3, open.len(), |row, k| point_motion(&open[k], point)[row]);
+        Piece { block, motion }
+    }
+
+    fn cross(&self, vehicle: usize, a: BlockId, b: BlockId) -> Option<DMatrix<f64>> {
+        let with_marker = |marker: BlockId, other: BlockId| {
+            let (block, columns) = self.bodies[vehicle].marker.as_ref()?;
+            let range = self.network.model.system.range_of(other)?;
+            (*block == marker).then(|| columns.rows(range.start, range.len()).into_owned())
+        };
+        self.covariance
+            .block(a, b)
+            .or_else(|| with_marker(b, a))
+            .or_else(|| Some(with_marker(a, b)?.transpose()))
+    }
+
+    /// The covariance of blocks of a vehicle; `None` where one is held whole, or a pair was not selected.
+    pub fn joint(&self, vehicle: usize, pieces: &[Piece]) -> Option<Joint> {
+        let body = &self.bodies[vehicle];
+        let system = &self.network.model.system;
+        let ranges: Vec<_> =
+            pieces.iter().map(|piece| system.range_of(piece.block)).collect::<Option<_>>()?;
+        let size = ranges.iter().map(|range| range.len()).sum();
+        let mut covariance = DMatrix::zeros(size, size);
+        let mut conventions = DMatrix::zeros(size, size);
+        let mut z = DVector::zeros(size);
+        let mut row = 0;
+        for (a, of_a) in pieces.iter().zip(&ranges) {
+            let ya = body.times.rows(of_a.start, of_a.len());
+            let mut column = 0;
+            for (b, of_b) in pieces.iter().zip(&ranges) {
+                let yb = body.times.rows(of_b.start, of_b.len());
+                let mut block = self.cross(vehicle, a.block, b.block)?;
+                block -= &a.motion * yb.transpose() + ya * b.motion.transpose();
+                block += &a.motion * &body.square * b.motion.transpose();
+                covariance.view_mut((row, column), (of_a.len(), of_b.len())).copy_from(&block);
+                column += of_b.len();
+            }
+            if let Some(part) = self.conventions.get(&of_a.start) {
+                conventions.view_mut((row, row), (of_a.len(), of_a.len())).copy_from(part);
+            }
+            if let Some((direction, of_open)) = &body.scale {
+                let along = DVector::from_column_slice(&direction[of_a.clone()]) - &a.motion * of_open;
+                z.rows_mut(row, of_a.len()).copy_from(&along);
+            }
+            row += of_a.len();
+        }
+        conventions += &z * z.transpose();
+        Some(Joint { covariance: covariance * self.variance, conventions: conventions * self.variance })
+    }
+}

@@ -1,0 +1,211 @@
+//! Standard deviations of everything that is written.
+
+use super::inner::{Inner, Piece};
+use crate::estimate::{Estimate, TrackPoint};
+use crate::geometry::{Pose, skew};
+use crate::nlls::system::BlockId;
+use crate::problem::{PoseSigma, Problem};
+use nalgebra::{DVector, Point3, Vector3};
+
+/// Standard deviations of a pose: of its position along the axes of the world \[m\], of its attitude about
+/// the axes of the body \[rad\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PosePrecision {
+    /// x, y, z.
+    pub position_m: [f64; 3],
+    /// Roll, pitch, yaw.
+    pub attitude_rad: [f64; 3],
+}
+
+/// Standard deviations of a place of a track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackPrecision {
+    /// x, y, z \[m\].
+    pub position_m: [f64; 3],
+    /// Covariance of x and y \[m^2\]; `None` where one of them is not determined.
+    pub covariance_xy_m2: Option<f64>,
+    /// Of the horizontal speed \[m/s\].
+    pub speed_mps: Option<f64>,
+    /// Of the heading \[rad\].
+    pub heading_rad: f64,
+}
+
+/// Standard deviations, a posteriori; infinite where a quantity is not determined, `None` where it has none.
+#[derive(Clone, Debug, Default)]
+pub struct Precision {
+    /// Of each frame's camera.
+    pub cameras: Vec<Option<PosePrecision>>,
+    /// Of each vehicle's pose in each frame.
+    pub vehicles: Vec<Vec<Option<PosePrecision>>>,
+    /// Of each vehicle's points \[m\].
+    pub points: Vec<Vec<Option<[f64; 3]>>>,
+    /// Of targets \[m\].
+    pub targets: Vec<Option<[f64; 3]>>,
+    /// Of each vehicle's track, in the order of [`crate::estimate::VehicleEstimate::track`].
+    pub tracks: Vec<Vec<Option<TrackPrecision>>>,
+}
+
+/// Standard deviations of an estimate.
+pub fn precision(problem: &Problem, estimate: &Estimate, inner: &Inner<'_>) -> Precision {
+    let model = &inner.network.model;
+    let cameras = (0..problem.frames.len()).map(|frame| {
+        let block = model.camera(frame);
+        match inner.joint(0, &[inner.fixed_piece(0, block)]) {
+            Some(joint) => Some(pose_precision(joint.sigmas())),
+            None => held_pose(&problem.camera_pose_sigma),
+        }
+    });
+    let targets = (0..problem.targets.len()).map(|target| {
+        let block = model.target(target)?;
+        match inner.joint(0, &[inner.fixed_piece(0, block)]) {
+            Some(joint) => Some(joint.sigmas()),
+            // Known exactly.
+            None => Some([0.0; 3]),
+        }
+    });
+    let mut out =
+        Precision { cameras: cameras.collect(), targets: targets.collect(), ..Precision::default() };
+    for (at, vehicle) in problem.vehicles.iter().enumerate() {
+        let found = &estimate.vehicles[at];
+        let poses = found.poses.iter().enumerate().map(|(frame, pose)| {
+            let (pose, block) = ((*pose)?, model.vehicle_pose(at, frame)?);
+            match inner.joint(at, &[inner.pose_piece(at, block, &pose)]) {
+                Some(joint) => Some(pose_precision(joint.sigmas())),
+                None => held_pose(&problem.vehicle_pose_sigma),
+            }
+        });
+        out.vehicles.push(poses.collect());
+        let points = found.points.iter().enumerate().map(|(point, place)| {
+            let (place, block) = ((*place)?, model.shape_point(at, point)?);
+            match inner.joint(at, &[inner.point_piece(at, block, &place)]) {
+                Some(joint) => Some(joint.sigmas()),
+                None => Some([0.0; 3]),
+            }
+        });
+        out.points.push(points.collect());
+        let mut tracks = Vec::new();
+        if found.left_out.is_none() {
+            let track = found.track(problem, vehicle);
+            let marker = vehicle.marker.and_then(|m| Some((model.shape_point(at, m)?, found.points[m]?)));
+            let track = Track { problem, estimate, inner, vehicle: at, marker, track: &track };
+            tracks = (0..track.track.len()).map(|place| track.precision(place)).collect();
+        }
+        out.tracks.push(tracks);
+    }
+    out
+}
+
+fn pose_precision(sigmas: [f64; 6]) -> PosePrecision {
+    let [x, y, z, roll, pitch, yaw] = sigmas;
+    PosePrecision { position_m: [x, y, z], attitude_rad: [roll, pitch, yaw] }
+}
+
+/// Of a pose that is held: none where it is known to be exact; of one that is held for want of anything
+/// better nothing is known.
+fn held_pose(sigma: &PoseSigma) -> Option<PosePrecision> {
+    sigma.is_exact().then_some(PosePrecision { position_m: [0.0; 3], attitude_rad: [0.0; 3] })
+}
+
+/// The track of a vehicle.
+struct Track<'a> {
+    problem: &'a Problem,
+    estimate: &'a Estimate,
+    inner: &'a Inner<'a>,
+    vehicle: usize,
+    marker: Option<(BlockId, Point3<f64>)>,
+    track: &'a [TrackPoint],
+}
+
+impl Track<'_> {
+    fn pose(&self, place: usize) -> Option<(Piece, Pose)> {
+        let frame = self.track[place].frame;
+        let pose = self.estimate.vehicles[self.vehicle].poses[frame]?;
+        let block = self.inner.network.model.vehicle_pose(self.vehicle, frame)?;
+        Some((self.inner.pose_piece(self.vehicle, block, &pose), pose))
+    }
+
+    /// The marker, where it is free.
+    fn marker_piece(&self) -> Option<Piece> {
+        let (block, place) = self.marker?;
+        self.inner.network.model.system.range_of(block)?;
+        Some(self.inner.point_piece(self.vehicle, block, &place))
+    }
+
+    /// Gradients of the three coordinates of a place by the pose and the marker.
+    fn gradient(&self, pose: &Pose) -> [[Vector3<f64>; 3]; 3] {
+        let marker = self.marker.map_or(Vector3::zeros(), |(_, place)| place.coords);
+        let turn = pose.rotation.to_rotation_matrix();
+        let by_turn = -(turn.matrix() * skew(&marker));
+        std::array::from_fn(|axis| {
+            let mut shift = Vector3::zeros();
+            shift[axis] = 1.0;
+            [shift, by_turn.row(axis).transpose(), turn.matrix().row(axis).transpose()]
+        })
+    }
+
+    fn precision(&self, place: usize) -> Option<TrackPrecision> {
+        let (piece, pose) = self.pose(place)?;
+        let marker = self.marker_piece();
+        let has_marker = marker.is_some();
+        let joint =
+            self.inner.joint(self.vehicle, &std::iter::once(piece).chain(marker).collect::<Vec<_>>())?;
+        let size = joint.covariance.nrows();
+        let by_axis = self.gradient(&pose).map(|[shift, turn, point]| {
+            let mut gradient = DVector::zeros(size);
+            gradient.rows_mut(0, 3).copy_from(&shift);
+            gradient.rows_mut(3, 3).copy_from(&turn);
+            if has_marker {
+                gradient.rows_mut(6, 3).copy_from(&point);
+            }
+            gradient
+        });
+        let variances = [0, 1, 2].map(|axis| joint.variance(&by_axis[axis]));
+        let covariance = (by_axis[0].transpose() * &joint.covariance * &by_axis[1])[(0, 0)];
+        // d(R ex) = R (dr x ex); the heading is that of its horizontal part.
+        let turn = pose.rotation.to_rotation_matrix();
+        let ahead = turn.matrix().column(0).into_owned();
+        let by_turn = -(turn.matrix() * skew(&Vector3::x()));
+        let level = ahead.xy().norm_squared();
+        let mut heading = DVector::zeros(size);
+        let of_turn = (by_turn.row(1) * ahead.x - by_turn.row(0) * ahead.y) / level;
+        heading.rows_mut(3, 3).copy_from(&of_turn.transpose());
+        Some(TrackPrecision {
+            position_m: variances.map(f64::sqrt),
+            covariance_xy_m2: (variances[0].is_finite() && variances[1].is_finite()).then_some(covariance),
+            speed_mps: self.speed(place),
+            heading_rad: joint.variance(&heading).sqrt(),
+        })
+    }
+
+    /// Of the speed: half the sum of the two steps beside a place, as the speed itself.
+    fn speed(&self, place: usize) -> Option<f64> {
+        let (before, after) = (place.saturating_sub(1), (place + 1).min(self.track.len() - 1));
+        if before == after {
+            return None;
+        }
+        let moved = self.track[after].position.xy() - self.track[before].position.xy();
+        let time = |k: usize| self.problem.frames[self.track[k].frame].time_s;
+        let ((first, from), (second, to)) = (self.pose(before)?, self.pose(after)?);
+        let marker = self.marker_piece();
+        let has_marker = marker.is_some();
+        let pieces: Vec<Piece> = [first, second].into_iter().chain(marker).collect();
+        let joint = self.inner.joint(self.vehicle, &pieces)?;
+        let size = joint.covariance.nrows();
+        let (of_from, of_to) = (self.gradient(&from), self.gradient(&to));
+        let by_axis = [0, 1].map(|axis| {
+            let mut gradient = DVector::zeros(size);
+            gradient.rows_mut(0, 3).copy_from(&-of_from[axis][0]);
+            gradient.rows_mut(3, 3).copy_from(&-of_from[axis][1]);
+            gradient.rows_mut(6, 3).copy_from(&of_to[axis][0]);
+            gradient.rows_mut(9, 3).copy_from(&of_to[axis][1]);
+            if has_marker {
+                gradient.rows_mut(12, 3).copy_from(&(of_to[axis][2] - of_from[axis][2]));
+            }
+            gradient
+        });
+        // At rest the speed has no derivative: any direction will do.
+        let direction = if moved.norm() > 1e-9 { moved.normalize() } else { nalgebra::Vector2::x() };
+        let gradient = &by_axis[0] * direction.x + &by_axis[1] * direction.y;
+        Some(joint.variance(&gradient).sqrt() / (time(after) - time(before)))
+    }
+}

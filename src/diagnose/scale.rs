@@ -1,0 +1,277 @@
+//! What determined the scale of each vehicle.
+//!
+//! The scale of a shape is that of the similarity that fits a changed shape to the found one: with the points
+//! `m` from their weighted middle and weights `w` by their variances,
+//!
+//! ```text
+//! ds = a^T dx = sum w m . dM / sum w |m|^2        variance a^T Q a
+//! ```
+//!
+//! Since `Q^-1 = sum over sources of J^T J`, the variance is a sum over sources, and the share of each
+//!
+//! ```text
+//! |J_source Q a|^2 / a^T Q a
+//! ```
+//!
+//! sums to one. Leaving a source out, its rows weigh nothing and the system is factorised anew. A common
+//! error `e` of one standard deviation in all rows of a source moves the unknowns by `Q J^T e`.
+
+use super::inner::UNDETERMINED;
+use crate::estimate::Estimate;
+use crate::nlls::covariance::NoCovariance;
+use crate::nlls::linear::cholesky::Singular;
+use crate::nlls::system::{Accuracy, Curvature, Factors, Normal};
+use crate::refine::{Network, Source};
+use nalgebra::{DMatrix, Point3, Vector3};
+
+/// By what the standard deviations of a source are multiplied that is left out.
+const LEFT_OUT: f64 = 1e5;
+
+/// What determined the scale of a vehicle.
+#[derive(Clone, Debug)]
+pub struct Scale {
+    /// Index of the vehicle.
+    pub vehicle: usize,
+    /// Standard deviation a posteriori, relative; infinite where it is not determined.
+    pub sigma: f64,
+    /// What each source contributes to the variance; all of them sum to one.
+    pub shares: Vec<(Source, f64)>,
+    /// The standard deviation without one source.
+    pub without: Vec<(Source, f64)>,
+    /// What a common error of one standard deviation in all rows of a source does.
+    pub common: Vec<(Source, CommonError)>,
+}
+
+/// What a common error does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CommonError {
+    /// Change of the scale, relative.
+    pub scale: f64,
+    /// How far it moves the middle of the shape in the world: root mean square over the frames \[m\].
+    pub track_m: f64,
+}
+
+/// The direction of a scale: `Q a` and `a^T Q a`, both without the variance of unit weight.
+pub struct Direction {
+    pub step: Vec<f64>,
+    pub variance: f64,
+    /// The share that comes from conventions.
+    pub conventions: f64,
+}
+
+impl Scale {
+    /// The source of the largest share.
+    pub fn largest(&self) -> Option<(Source, f64)> {
+        self.shares.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+}
+
+/// `a` of each vehicle, a column each; zero where there is no shape.
+pub fn functionals(estimate: &Estimate, network: &Network, weights: &[Vec<f64>]) -> DMatrix<f64> {
+    let system = &network.model.system;
+    let mut columns = DMatrix::zeros(system.pattern().size(), network.frames.len());
+    for (vehicle, frame) in network.frames.iter().enumerate() {
+        if estimate.vehicles[vehicle].left_out.is_some() || frame.points.is_empty() {
+            continue;
+        }
+        let weighted = || frame.points.iter().zip(&weights[vehicle]);
+        let middle = middle(&frame.points, &weights[vehicle]);
+        let sum: f64 = weighted().map(|((_, p), w)| w * (p.coords - middle).norm_squared()).sum();
+        for ((point, place), weight) in weighted() {
+            let Some(block) = network.model.shape_point(vehicle, *point) else { continue };
+            let Some(range) = system.range_of(block) else { continue };
+            for axis in (0..3).filter(|axis| system.free(block)[*axis]) {
+                columns[(range.start + axis, vehicle)] = weight * (place[axis] - middle[axis]) / sum;
+            }
+        }
+    }
+    columns
+}
+
+fn middle(points: &[(usize, Point3<f64>)], weights: &[f64]) -> Vector3<f64> {
+    let sum: Vector3<f64> = points.iter().zip(weights).map(|((_, p), w)| p.coords * *w).sum();
+    sum / weights.iter().sum::<f64>()
+}
+
+/// The direction of each scale from `Q A`.
+pub fn directions(network: &Network, functionals: &DMatrix<f64>, solved: &DMatrix<f64>) -> Vec<Direction> {
+    let direction = |vehicle: usize| {
+        let step: Vec<f64> = solved.column(vehicle).iter().copied().collect();
+        let variance = functionals.column(vehicle).dot(&solved.column(vehicle));
+        let conventions = share(network, Source::Convention, &step, variance);
+        Direction { step, variance, conventions }
+    };
+    (0..functionals.ncols()).map(direction).collect()
+}
+
+fn share(network: &Network, source: Source, step: &[f64], variance: f64) -> f64 {
+    let squares: f64 = network
+        .model
+        .groups_of(source)
+        .flat_map(|group| network.model.system.product(group, &network.values, step))
+        .map(|v| v * v)
+        .sum();
+    if variance > 0.0 { squares / variance } else { 0.0 }
+}
+
+/// Sources, each once, in the order of [`Source`].
+fn sources(network: &Network) -> Vec<Source> {
+    let has_rows = |of: &Source| {
+        network.model.groups_of(*of).map(|group| network.model.system.rows(group)).sum::<usize>() > 0
+    };
+    let mut all: Vec<Source> = network.model.sources.iter().map(|(source, _)| *source).collect();
+    all.sort_unstable();
+    all.dedup();
+    all.retain(has_rows);
+    all
+}
+
+/// The scales of all vehicles, given their functionals and directions. The system comes back as it was.
+pub fn scales(
+    estimate: &Estimate,
+    network: &mut Network,
+    weights: &[Vec<f64>],
+    (a, found): (&DMatrix<f64>, &[Direction]),
+    variance_factor: f64,
+) -> Result<Vec<Scale>, NoCovariance> {
+    let mut solver = Solver::new(network)?;
+    let sigma_of = |direction: &Direction| match direction.conventions > UNDETERMINED {
+        true => f64::INFINITY,
+        false => (direction.variance * variance_factor).sqrt(),
+    };
+    let all = sources(network);
+    let mut scales: Vec<Scale> = found
+        .iter()
+        .enumerate()
+        .map(|(vehicle, direction)| Scale {
+            vehicle,
+            sigma: sigma_of(direction),
+            shares: all
+                .iter()
+                .map(|source| (*source, share(network, *source, &direction.step, direction.variance)))
+                .collect(),
+            without: Vec::new(),
+            common: Vec::new(),
+        })
+        .collect();
+    let is_knowledge = |source: &Source| {
+        !matches!(source, Source::VehicleImages | Source::TargetImages | Source::Frame | Source::Convention)
+    };
+    for source in all.iter().copied().filter(|source| is_knowledge(source)) {
+        if let Some(error) = common_error(network, &solver.normal, source) {
+            let moved = solver.solve(network, &DMatrix::from_vec(error.len(), 1, error));
+            for scale in &mut scales {
+                let change = a.column(scale.vehicle).dot(&moved.column(0));
+                let track_m = track_shift(estimate, network, weights, scale.vehicle, moved.as_slice());
+                scale.common.push((source, CommonError { scale: change, track_m }));
+            }
+        }
+    }
+    for source in all.iter().copied().filter(|source| is_knowledge(source)) {
+        let groups: Vec<_> = network.model.groups_of(source).collect();
+        let before: Vec<f64> = groups.iter().map(|group| network.model.system.sigma_factor(*group)).collect();
+        for group in &groups {
+            network.model.system.set_sigma_factor(*group, LEFT_OUT);
+        }
+        let without = Solver::new(network).map(|mut solver| {
+            let solved = solver.solve(network, a);
+            directions(network, a, &solved)
+        });
+        for (group, factor) in groups.iter().zip(before) {
+            network.model.system.set_sigma_factor(*group, factor);
+        }
+        for scale in &mut scales {
+            let sigma = match &without {
+                Ok(without) => sigma_of(&without[scale.vehicle]),
+                Err(_) => f64::INFINITY,
+            };
+            scale.without.push((source, sigma));
+        }
+    }
+    scales.retain(|scale| estimate.vehicles[scale.vehicle].left_out.is_none());
+    Ok(scales)
+}
+
+/// Factors of a system as it is weighed now.
+struct Solver {
+    normal: Normal,
+    factors: Factors,
+}
+
+impl Solver {
+    fn new(network: &Network) -> Result<Self, NoCovariance> {
+        let system = &network.model.system;
+        let (mut normal, mut factors) = (system.normal(), Factors::new(system)?);
+        system.linearise(&network.values, Curvature::PLAIN, &mut normal).ok_or(Singular)?;
+        factors.factorise(system, &mut normal, &vec![0.0; system.pattern().size()])?;
+        Ok(Solver { normal, factors })
+    }
+
+    fn solve(&mut self, network: &Network, b: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut x = b.clone();
+        let system = &network.model.system;
+        self.factors.solve(system, &self.normal, Accuracy::Exact, x.as_mut_slice());
+        x
+    }
+}
+
+/// `J^T e` for an error `e` that all rows of a source have in common, of one standard deviation; `None` where
+/// that is no error it can have.
+fn common_error(network: &Network, normal: &Normal, source: Source) -> Option<Vec<f64>> {
+    let Network { model, .. } = network;
+    let mut sum = vec![0.0; model.system.pattern().size()];
+    match source {
+        Source::Terrain => {
+            for (group, shifts) in &model.ground_shift {
+                let rows = shifts.iter().flat_map(|shift| [*shift, 0.0, 0.0]);
+                add(&mut sum, &model.system.transposed_product(*group, normal, &rows.collect::<Vec<_>>()));
+            }
+        }
+        Source::KnownHeight | Source::KnownPoint => {
+            for group in model.groups_of(source) {
+                let error = vec![1.0; model.system.rows(group)];
+                add(&mut sum, &model.system.transposed_product(group, normal, &error));
+            }
+        }
+        _ => return None,
+    }
+    Some(sum)
+}
+
+fn add(sum: &mut [f64], part: &[f64]) {
+    sum.iter_mut().zip(part).for_each(|(s, p)| *s += p);
+}
+
+/// How far a step moves the middle of a shape in the world: root mean square over the frames \[m\].
+fn track_shift(
+    estimate: &Estimate,
+    network: &Network,
+    weights: &[Vec<f64>],
+    vehicle: usize,
+    step: &[f64],
+) -> f64 {
+    let frame = &network.frames[vehicle];
+    let system = &network.model.system;
+    let weights = &weights[vehicle];
+    let middle = middle(&frame.points, weights);
+    let sum: f64 = weights.iter().sum();
+    let mut of_middle = Vector3::zeros();
+    for ((point, _), weight) in frame.points.iter().zip(weights) {
+        let block = network.model.shape_point(vehicle, *point).and_then(|block| system.range_of(block));
+        if let Some(range) = block {
+            of_middle += Vector3::from_column_slice(&step[range]) * (weight / sum);
+        }
+    }
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for (at, pose) in estimate.vehicles[vehicle].poses.iter().enumerate() {
+        let block = network.model.vehicle_pose(vehicle, at).and_then(|block| system.range_of(block));
+        let (Some(pose), Some(range)) = (pose, block) else { continue };
+        let delta = &step[range];
+        let turn = Vector3::from_column_slice(&delta[3..6]);
+        let moved =
+            Vector3::from_column_slice(&delta[..3]) + pose.rotation * (turn.cross(&middle) + of_middle);
+        sum += moved.norm_squared();
+        count += 1;
+    }
+    (sum / count.max(1) as f64).sqrt()
+}

@@ -1,0 +1,183 @@
+//! The part of `report.json` that says how far a result can be trusted.
+
+use crate::diagnose::{Diagnosis, Reliability, source_name};
+use crate::problem::Problem;
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+
+/// A standard deviation: the text `"inf"` where a quantity is not determined.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sigma(pub f64);
+
+impl Serialize for Sigma {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if self.0.is_finite() { serializer.serialize_f64(self.0) } else { serializer.serialize_str("inf") }
+    }
+}
+
+/// Statistics of the final least squares.
+#[derive(Clone, Debug, Serialize)]
+pub struct StatisticsReport {
+    /// Sum of all redundancy numbers: the redundancy.
+    pub redundancy_numbers: f64,
+    /// The test of sigma0^2 against 1, at 5 %.
+    pub variance_test: Option<VarianceTestReport>,
+    /// One for each kind of observation.
+    pub variance_components: Vec<ComponentReport>,
+    /// One for each vehicle that took part, by its id.
+    pub vehicles: BTreeMap<String, ReliabilityReport>,
+    /// That of image points of targets.
+    pub targets: Option<ReliabilityReport>,
+}
+
+/// The test of sigma0^2.
+#[derive(Clone, Debug, Serialize)]
+pub struct VarianceTestReport {
+    /// Sum of squares over redundancy.
+    pub variance: f64,
+    /// Where it lies in 95 % of cases, were all standard deviations right.
+    pub interval: [f64; 2],
+    /// Probability of a value at least as far off.
+    pub probability: f64,
+    /// Whether it is in the interval.
+    pub passed: bool,
+}
+
+/// A kind of observation.
+#[derive(Clone, Debug, Serialize)]
+pub struct ComponentReport {
+    /// Which.
+    pub source: &'static str,
+    /// Its rows.
+    pub rows: usize,
+    /// Sum of their redundancy numbers.
+    pub redundancy: f64,
+    /// By what its standard deviations would have to be multiplied.
+    pub sigma_factor: Option<f64>,
+    /// Standard deviation of this factor.
+    pub sigma_of_factor: Option<f64>,
+}
+
+/// How well gross errors among image points would have been found.
+#[derive(Clone, Debug, Serialize)]
+pub struct ReliabilityReport {
+    /// Coordinates of image points that took part.
+    pub rows: usize,
+    /// Least redundancy number of a coordinate.
+    pub redundancy_number_least: f64,
+    /// Median redundancy number.
+    pub redundancy_number_median: f64,
+    /// Minimal detectable error (0.1 %, power 80 %), median.
+    pub minimal_detectable_px_median: Sigma,
+    /// The largest.
+    pub minimal_detectable_px_largest: Sigma,
+    /// By how many standard deviations such an error may move a function of the unknowns, median.
+    pub external_sigmas_median: Sigma,
+    /// The largest.
+    pub external_sigmas_largest: Sigma,
+    /// Standardised residuals beyond 3.29.
+    pub beyond_critical: usize,
+    /// The largest standardised residual.
+    pub largest_standardised: f64,
+}
+
+/// What determined the scale of a vehicle.
+#[derive(Clone, Debug, Serialize)]
+pub struct ScaleReport {
+    /// Its id.
+    pub vehicle: String,
+    /// Relative standard deviation of its scale.
+    pub sigma: Sigma,
+    /// What each source contributes to its variance; they sum to one.
+    pub shares: BTreeMap<&'static str, f64>,
+    /// The relative standard deviation with one source left out.
+    pub sigma_without: BTreeMap<&'static str, Sigma>,
+    /// What an error of one standard deviation does that all rows of a source have in common.
+    pub common_error: BTreeMap<&'static str, CommonErrorReport>,
+    /// Directions of the frame of its body that nothing determines: inner constraints on the shape.
+    pub frame_open_directions: usize,
+    /// Standard deviations of the six directions of its frame from what is known, worst first: root mean
+    /// square over its points.
+    pub frame_sigma_m: Vec<Sigma>,
+}
+
+/// What a common error does.
+#[derive(Clone, Debug, Serialize)]
+pub struct CommonErrorReport {
+    /// Relative change of the scale.
+    pub scale: f64,
+    /// How far the middle of the shape moves in the world.
+    pub track_m: f64,
+}
+
+/// Statistics of a diagnosis.
+pub fn statistics_report(problem: &Problem, diagnosis: &Diagnosis) -> StatisticsReport {
+    let statistics = &diagnosis.statistics;
+    let vehicles = problem.vehicles.iter().zip(&statistics.vehicles);
+    StatisticsReport {
+        redundancy_numbers: statistics.redundancy_numbers,
+        variance_test: statistics.test.map(|test| VarianceTestReport {
+            variance: test.variance,
+            interval: test.interval,
+            probability: test.probability,
+            passed: test.is_passed(),
+        }),
+        variance_components: statistics
+            .components
+            .iter()
+            .map(|c| ComponentReport {
+                source: source_name(c.source),
+                rows: c.rows,
+                redundancy: c.redundancy,
+                sigma_factor: c.sigma_factor(),
+                sigma_of_factor: c.sigma_factor().map(|factor| factor * c.relative_sigma()),
+            })
+            .collect(),
+        vehicles: vehicles
+            .filter_map(|(vehicle, found)| Some((vehicle.id.clone(), reliability_report(found)?)))
+            .collect(),
+        targets: reliability_report(&statistics.targets),
+    }
+}
+
+fn reliability_report(found: &Reliability) -> Option<ReliabilityReport> {
+    (found.rows > 0).then_some(ReliabilityReport {
+        rows: found.rows,
+        redundancy_number_least: found.redundancy_number[0],
+        redundancy_number_median: found.redundancy_number[1],
+        minimal_detectable_px_median: Sigma(found.minimal_detectable_px[0]),
+        minimal_detectable_px_largest: Sigma(found.minimal_detectable_px[1]),
+        external_sigmas_median: Sigma(found.external[0]),
+        external_sigmas_largest: Sigma(found.external[1]),
+        beyond_critical: found.beyond_critical,
+        largest_standardised: found.largest,
+    })
+}
+
+/// Scales of a diagnosis.
+pub fn scale_reports(problem: &Problem, diagnosis: &Diagnosis) -> Vec<ScaleReport> {
+    let report = |scale: &crate::diagnose::Scale| {
+        let (open, sigmas) = &diagnosis.frames[scale.vehicle];
+        ScaleReport {
+            vehicle: problem.vehicles[scale.vehicle].id.clone(),
+            sigma: Sigma(scale.sigma),
+            shares: scale.shares.iter().map(|(source, share)| (source_name(*source), *share)).collect(),
+            sigma_without: scale
+                .without
+                .iter()
+                .map(|(source, sigma)| (source_name(*source), Sigma(*sigma)))
+                .collect(),
+            common_error: scale
+                .common
+                .iter()
+                .map(|(source, error)| {
+                    let report = CommonErrorReport { scale: error.scale, track_m: error.track_m };
+                    (source_name(*source), report)
+                })
+                .collect(),
+            frame_open_directions: *open,
+            frame_sigma_m: sigmas.iter().map(|sigma| Sigma(*sigma)).collect(),
+        }
+    };
+    diagnosis.scales.iter().map(report).collect()
+}
