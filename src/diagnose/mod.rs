@@ -72,6 +72,8 @@ fn of_network(
         }
     }
     let precision = precision::precision(problem, estimate, &inner);
+    // Its memory is wanted below.
+    drop(inner);
     let frames = network
         .frames
         .iter()

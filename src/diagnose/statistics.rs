@@ -38,14 +38,16 @@ pub struct Component {
     pub rows: usize,
     /// Sum of their redundancy numbers.
     pub redundancy: f64,
-    /// Sum of their squared residuals over sigma0^2 of 1.
+    /// Sum of their squared whitened residuals.
     pub squares: f64,
+    /// By what the stated standard deviations were multiplied before.
+    pub weighed_by: f64,
 }
 
 impl Component {
     /// By what the stated standard deviations would have to be multiplied; `None` without redundancy.
     pub fn sigma_factor(&self) -> Option<f64> {
-        (self.redundancy > 0.5).then(|| (self.squares / self.redundancy).sqrt())
+        (self.redundancy > 0.5).then(|| self.weighed_by * (self.squares / self.redundancy).sqrt())
     }
 
     /// Standard deviation of this factor, as a share of it: `1 / sqrt(2 r)`.
@@ -145,7 +147,18 @@ pub fn statistics(problem: &Problem, network: &Network, covariance: &Covariance<
                 component.squares += squares;
             }
             None if rows > 0 => {
-                components.push(Component { source: *source, rows: counted, redundancy, squares });
+                let weighed_by = match source {
+                    Source::VehicleImages | Source::TargetImages => model.system.sigma_factor(*group),
+                    // That of motion is its strength, which stands for itself.
+                    _ => 1.0,
+                };
+                components.push(Component {
+                    source: *source,
+                    rows: counted,
+                    redundancy,
+                    squares,
+                    weighed_by,
+                });
             }
             None => {}
         }

@@ -25,6 +25,7 @@ pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, Ob
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
 use crate::initialise::start_anew;
+use crate::nlls::covariance::Covariance;
 use crate::nlls::linear::cholesky::TooLarge;
 use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
@@ -332,26 +333,37 @@ impl Run<'_> {
         Ok(Some(Network { model, values, frames }))
     }
 
-    /// Weighs image points by their scatter; whether that changed much.
+    /// Weighs image points by their scatter (a variance component for each kind, [`motion`]), where that is
+    /// certainly another than stated; whether that changed much.
     fn reweigh(&mut self) -> bool {
         let rows = self.model.image_rows(&self.values);
-        let all: usize = rows.iter().map(|r| r.0).sum();
-        // Each kind has about its share of the unknowns.
-        let share = 1.0 - (self.model.system.parameters() as f64 / all.max(1) as f64).min(0.9);
-        let mut factors = self.model.image_factors();
+        let unknowns = self.model.system.parameters();
+        let factors = self.model.image_factors();
+        let is_other = |(factor, (rows, squares)): (&f64, &(usize, f64))| {
+            // Redundancy is at most that, and at least this.
+            let (most, least) = (*rows as f64, rows.saturating_sub(unknowns).max(1) as f64);
+            let bounds = [most, least].map(|redundancy| factor * (squares / redundancy).sqrt());
+            *rows >= LEAST_IMAGE_ROWS && (bounds[0] > REWEIGHTED || bounds[1] < 1.0 / REWEIGHTED)
+        };
+        if !factors.iter().zip(&rows).any(is_other) {
+            return false;
+        }
+        let Ok(covariance) = Covariance::new(&self.model.system, &self.values) else { return false };
+        let mut weighed = factors;
         let mut largest = 1.0_f64;
-        for (factor, (rows, squares)) in factors.iter_mut().zip(rows) {
-            if rows < LEAST_IMAGE_ROWS {
-                continue;
-            }
-            let change = (squares / (rows as f64 * share)).sqrt();
-            let is_other = (*factor * change).max(1.0 / (*factor * change)) > REWEIGHTED;
-            if is_other && change > 0.0 {
-                *factor *= change;
+        for (at, group) in self.model.image_groups().into_iter().enumerate() {
+            let (rows, squares) = rows[at];
+            let trace: f64 =
+                covariance.leverages(group).chunks_exact(4).map(|block| block[0] + block[3]).sum();
+            let change = (squares / (rows as f64 - trace).max(1.0)).sqrt();
+            let factor = factors[at] * change;
+            if rows >= LEAST_IMAGE_ROWS && factor.max(1.0 / factor) > REWEIGHTED {
+                weighed[at] = factor;
                 largest = largest.max(change).max(1.0 / change);
             }
         }
-        self.model.set_image_factors(factors);
+        drop(covariance);
+        self.model.set_image_factors(weighed);
         largest > 1.01
     }
 

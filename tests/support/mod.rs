@@ -1,6 +1,7 @@
 //! What several test files need.
 #![allow(dead_code, missing_docs)]
 
+pub mod drawn;
 pub mod drive;
 pub mod photogrammetry;
 pub mod score;
