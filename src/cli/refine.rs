@@ -3,7 +3,7 @@
 use super::Failure;
 use super::options::{Opened, OutputOptions, default_result_folder, motion_prior, positive, shape};
 use super::output::{counted, describe_resection, grouped, print, progress};
-use crate::diagnose::{Diagnosis, diagnose};
+use crate::diagnose::{Diagnosis, Verdict, diagnose};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
 use crate::problem::Problem;
@@ -96,8 +96,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let diagnosis = diagnosis.ok();
     let mut report = report_of_adjustment(&problem, adjustment, left_out(&problem, estimate));
-    if let Some(diagnosis) = &diagnosis {
-        report.add_diagnosis(&problem, diagnosis);
+    let verdict = diagnosis.as_ref().map(|found| Verdict::new(&problem, adjustment, found));
+    if let (Some(diagnosis), Some(verdict)) = (&diagnosis, &verdict) {
+        report.add_diagnosis(&problem, diagnosis, verdict);
     }
     report.resection = resection_report(&problem, initial.resection.as_ref());
     report.warnings.splice(0..0, warnings.into_iter().chain(initial.warnings.iter().cloned()));
@@ -110,13 +111,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         result_tables(&problem, estimate, &adjustment.fits, diagnosis.as_ref().map(|d| &d.precision));
     let records: Vec<_> = adjustment.rounds.iter().flat_map(|round| round.records.iter().copied()).collect();
     let draw = |report: &Report| {
-        let summary = format!("# {}\n\n```\n{}```\n", problem.name, summary(adjustment, report));
+        let summary =
+            format!("# {}\n\n```\n{}```\n", problem.name, summary(adjustment, report, verdict.as_ref()));
         scene(&problem, &initial.estimate, estimate, &adjustment.fits, &records, summary)
     };
     let folder = output.write(&target, &tables, &mut report, draw)?;
     if !output.json && !output.quiet {
         print(&describe_resection(initial.resection.as_ref()))?;
-        print(&summary(adjustment, &report))?;
+        print(&summary(adjustment, &report, verdict.as_ref()))?;
         print(&format!("result      {}\n", folder.display()))?;
     }
     Ok(())
@@ -133,7 +135,7 @@ fn diagnosed(problem: &Problem, adjusted: &mut Adjusted) -> Result<Diagnosis, St
 }
 
 /// The result in a few lines.
-fn summary(adjustment: &Adjustment, report: &Report) -> String {
+fn summary(adjustment: &Adjustment, report: &Report, verdict: Option<&Verdict>) -> String {
     let number =
         |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     let mut text = format!(
@@ -174,6 +176,9 @@ fn summary(adjustment: &Adjustment, report: &Report) -> String {
             number(check.dy, 3),
             number(check.dz, 3)
         );
+    }
+    for (word, line) in verdict.iter().flat_map(|verdict| verdict.lines()) {
+        text += &format!("{word:12}{line}\n");
     }
     text
 }

@@ -9,11 +9,13 @@ mod inner;
 mod precision;
 mod scale;
 mod statistics;
+mod verdict;
 
 pub use check_points::CheckPoint;
 pub use precision::{PosePrecision, Precision, TrackPrecision};
 pub use scale::{CommonError, Scale};
 pub use statistics::{Component, Reliability, Statistics, VarianceTest};
+pub use verdict::{Trust, Verdict};
 
 use crate::estimate::Estimate;
 use crate::nlls::covariance::{Covariance, NoCovariance};

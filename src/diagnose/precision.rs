@@ -1,6 +1,6 @@
 //! Standard deviations of everything that is written.
 
-use super::inner::{Inner, Piece};
+use super::inner::{Inner, Joint, Piece};
 use crate::estimate::{Estimate, TrackPoint};
 use crate::geometry::{Pose, skew};
 use crate::nlls::system::BlockId;
@@ -117,11 +117,13 @@ struct Track<'a> {
 }
 
 impl Track<'_> {
-    fn pose(&self, place: usize) -> Option<(Piece, Pose)> {
+    /// A pose of the track, and its piece where it is not held exactly.
+    fn pose(&self, place: usize) -> Option<(Option<Piece>, Pose)> {
         let frame = self.track[place].frame;
         let pose = self.estimate.vehicles[self.vehicle].poses[frame]?;
         let block = self.inner.network.model.vehicle_pose(self.vehicle, frame)?;
-        Some((self.inner.pose_piece(self.vehicle, block, &pose), pose))
+        let is_free = self.inner.network.model.system.range_of(block).is_some();
+        Some((is_free.then(|| self.inner.pose_piece(self.vehicle, block, &pose)), pose))
     }
 
     /// The marker, where it is free.
@@ -145,30 +147,19 @@ impl Track<'_> {
 
     fn precision(&self, place: usize) -> Option<TrackPrecision> {
         let (piece, pose) = self.pose(place)?;
-        let marker = self.marker_piece();
-        let has_marker = marker.is_some();
-        let joint =
-            self.inner.joint(self.vehicle, &std::iter::once(piece).chain(marker).collect::<Vec<_>>())?;
-        let size = joint.covariance.nrows();
-        let by_axis = self.gradient(&pose).map(|[shift, turn, point]| {
-            let mut gradient = DVector::zeros(size);
-            gradient.rows_mut(0, 3).copy_from(&shift);
-            gradient.rows_mut(3, 3).copy_from(&turn);
-            if has_marker {
-                gradient.rows_mut(6, 3).copy_from(&point);
-            }
-            gradient
-        });
+        let joint = Terms::new(self, [piece, None])?;
+        let by_axis = self
+            .gradient(&pose)
+            .map(|[shift, turn, point]| joint.gradient([Some((shift, turn)), None], point));
         let variances = [0, 1, 2].map(|axis| joint.variance(&by_axis[axis]));
-        let covariance = (by_axis[0].transpose() * &joint.covariance * &by_axis[1])[(0, 0)];
+        let covariance = joint.covariance(&by_axis[0], &by_axis[1]);
         // d(R ex) = R (dr x ex); the heading is that of its horizontal part.
         let turn = pose.rotation.to_rotation_matrix();
         let ahead = turn.matrix().column(0).into_owned();
         let by_turn = -(turn.matrix() * skew(&Vector3::x()));
         let level = ahead.xy().norm_squared();
-        let mut heading = DVector::zeros(size);
         let of_turn = (by_turn.row(1) * ahead.x - by_turn.row(0) * ahead.y) / level;
-        heading.rows_mut(3, 3).copy_from(&of_turn.transpose());
+        let heading = joint.gradient([Some((Vector3::zeros(), of_turn.transpose())), None], Vector3::zeros());
         Some(TrackPrecision {
             position_m: variances.map(f64::sqrt),
             covariance_xy_m2: (variances[0].is_finite() && variances[1].is_finite()).then_some(covariance),
@@ -186,26 +177,74 @@ impl Track<'_> {
         let moved = self.track[after].position.xy() - self.track[before].position.xy();
         let time = |k: usize| self.problem.frames[self.track[k].frame].time_s;
         let ((first, from), (second, to)) = (self.pose(before)?, self.pose(after)?);
-        let marker = self.marker_piece();
-        let has_marker = marker.is_some();
-        let pieces: Vec<Piece> = [first, second].into_iter().chain(marker).collect();
-        let joint = self.inner.joint(self.vehicle, &pieces)?;
-        let size = joint.covariance.nrows();
+        let joint = Terms::new(self, [first, second])?;
         let (of_from, of_to) = (self.gradient(&from), self.gradient(&to));
         let by_axis = [0, 1].map(|axis| {
-            let mut gradient = DVector::zeros(size);
-            gradient.rows_mut(0, 3).copy_from(&-of_from[axis][0]);
-            gradient.rows_mut(3, 3).copy_from(&-of_from[axis][1]);
-            gradient.rows_mut(6, 3).copy_from(&of_to[axis][0]);
-            gradient.rows_mut(9, 3).copy_from(&of_to[axis][1]);
-            if has_marker {
-                gradient.rows_mut(12, 3).copy_from(&(of_to[axis][2] - of_from[axis][2]));
-            }
-            gradient
+            let [shift, turn, point] = of_from[axis];
+            let [shift_to, turn_to, point_to] = of_to[axis];
+            joint.gradient([Some((-shift, -turn)), Some((shift_to, turn_to))], point_to - point)
         });
         // At rest the speed has no derivative: any direction will do.
         let direction = if moved.norm() > 1e-9 { moved.normalize() } else { nalgebra::Vector2::x() };
         let gradient = &by_axis[0] * direction.x + &by_axis[1] * direction.y;
         Some(joint.variance(&gradient).sqrt() / (time(after) - time(before)))
+    }
+}
+
+/// Up to two poses and the marker, and where each is among the free numbers; those that are held have no
+/// place and no variance.
+struct Terms {
+    joint: Option<Joint>,
+    poses: [Option<usize>; 2],
+    marker: Option<usize>,
+    size: usize,
+}
+
+impl Terms {
+    fn new(track: &Track<'_>, poses: [Option<Piece>; 2]) -> Option<Terms> {
+        let (mut pieces, mut size) = (Vec::new(), 0);
+        let places = poses.map(|piece| {
+            let piece = piece?;
+            pieces.push(piece);
+            size += 6;
+            Some(size - 6)
+        });
+        let marker = track.marker_piece().map(|piece| {
+            pieces.push(piece);
+            size += 3;
+            size - 3
+        });
+        let joint = match pieces.is_empty() {
+            true => None,
+            false => Some(track.inner.joint(track.vehicle, &pieces)?),
+        };
+        Some(Terms { joint, poses: places, marker, size })
+    }
+
+    /// A gradient from those by the shift and the turn of each pose and by the marker.
+    fn gradient(
+        &self,
+        by_pose: [Option<(Vector3<f64>, Vector3<f64>)>; 2],
+        by_marker: Vector3<f64>,
+    ) -> DVector<f64> {
+        let mut gradient = DVector::zeros(self.size);
+        for (place, part) in self.poses.iter().zip(by_pose) {
+            if let (Some(at), Some((shift, turn))) = (*place, part) {
+                gradient.rows_mut(at, 3).copy_from(&shift);
+                gradient.rows_mut(at + 3, 3).copy_from(&turn);
+            }
+        }
+        if let Some(at) = self.marker {
+            gradient.rows_mut(at, 3).copy_from(&by_marker);
+        }
+        gradient
+    }
+
+    fn variance(&self, gradient: &DVector<f64>) -> f64 {
+        self.joint.as_ref().map_or(0.0, |joint| joint.variance(gradient))
+    }
+
+    fn covariance(&self, a: &DVector<f64>, b: &DVector<f64>) -> f64 {
+        self.joint.as_ref().map_or(0.0, |joint| (a.transpose() * &joint.covariance * b)[(0, 0)])
     }
 }

@@ -1,6 +1,6 @@
 //! The part of `report.json` that says how far a result can be trusted.
 
-use crate::diagnose::{Diagnosis, Reliability, source_name};
+use crate::diagnose::{Diagnosis, Reliability, Verdict, source_name};
 use crate::problem::Problem;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -108,6 +108,26 @@ pub struct CommonErrorReport {
     pub scale: f64,
     /// How far the middle of the shape moves in the world.
     pub track_m: f64,
+}
+
+/// Whether a result can be trusted.
+#[derive(Clone, Debug, Serialize)]
+pub struct VerdictReport {
+    /// `yes`, `with care` or `no`.
+    pub trust: &'static str,
+    /// What speaks against more.
+    pub reasons: Vec<String>,
+    /// What it rests on.
+    pub facts: Vec<String>,
+}
+
+/// A verdict.
+pub fn verdict_report(verdict: &Verdict) -> VerdictReport {
+    VerdictReport {
+        trust: verdict.trust.name(),
+        reasons: verdict.reasons.clone(),
+        facts: verdict.facts.iter().map(|(word, text)| format!("{word} {text}")).collect(),
+    }
 }
 
 /// Statistics of a diagnosis.

@@ -1,8 +1,10 @@
 //! `report.json`: what was solved and how well, for programs.
 
-use super::diagnosis::{ScaleReport, StatisticsReport, scale_reports, statistics_report};
+use super::diagnosis::{
+    ScaleReport, StatisticsReport, VerdictReport, scale_reports, statistics_report, verdict_report,
+};
 use super::folder::PROGRAM;
-use crate::diagnose::Diagnosis;
+use crate::diagnose::{Diagnosis, Verdict};
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
 use crate::nlls::linear::ordering::Rule;
@@ -60,6 +62,8 @@ pub struct Report {
     pub resection: Option<ResectionReport>,
     /// The final least squares on accepted image points.
     pub least_squares: Option<LeastSquaresReport>,
+    /// Whether the result can be trusted.
+    pub verdict: Option<VerdictReport>,
     /// Statistics of that.
     pub statistics: Option<StatisticsReport>,
     /// What determined the scale of each vehicle.
@@ -360,6 +364,7 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         not_used: 0,
         resection: None,
         least_squares: None,
+        verdict: None,
         statistics: None,
         scales: Vec::new(),
         loss: None,
@@ -387,7 +392,8 @@ fn loss_report(loss: &Loss) -> LossReport {
 
 impl Report {
     /// Adds what a diagnosis says.
-    pub fn add_diagnosis(&mut self, problem: &Problem, diagnosis: &Diagnosis) {
+    pub fn add_diagnosis(&mut self, problem: &Problem, diagnosis: &Diagnosis, verdict: &Verdict) {
+        self.verdict = Some(verdict_report(verdict));
         self.statistics = Some(statistics_report(problem, diagnosis));
         self.scales = scale_reports(problem, diagnosis);
         for (report, found) in self.check_points.iter_mut().zip(&diagnosis.check_points) {

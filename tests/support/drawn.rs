@@ -49,7 +49,7 @@ impl Default for Film {
             tilt_rad: 0.01,
             correlation_s: 1.0,
             mark_m: 0.01,
-            motion: [7.0, 0.25],
+            motion: [5.0, 0.25],
             really: [1.0; 4],
         }
     }
