@@ -29,7 +29,7 @@ pub struct Inner<'a> {
     /// Variance of unit weight.
     variance: f64,
     bodies: Vec<Body>,
-    /// What conventions contribute to the covariance of a block by their rows on it.
+    /// For each block, by its first number, the rows that conventions have on it, a column each.
     conventions: BTreeMap<usize, DMatrix<f64>>,
 }
 
@@ -78,25 +78,32 @@ impl Joint {
     }
 }
 
-/// Weights of the points of each vehicle: the inverse of their mean variance, one in the mean.
-pub fn weights(network: &Network, covariance: &Covariance<'_>) -> Vec<Vec<f64>> {
+/// Weights of the points of each vehicle, one in the mean: the inverse of the variance that each would have
+/// were all poses known. (With the frame, or the scale, it would be that of what holds these.)
+pub fn weights(network: &Network) -> Vec<Vec<f64>> {
     let of_vehicle = |(vehicle, frame): (usize, &BodyFrame)| {
-        let of_point = |point: usize| {
-            let block = network.model.shape_point(vehicle, point)?;
-            Some(1.0 / covariance.block(block, block)?.trace())
-        };
-        let mut weights: Vec<f64> = frame
-            .points
+        let block = |point: usize| network.model.shape_point(vehicle, point).expect("a point that counts");
+        let blocks: Vec<BlockId> = frame.points.iter().map(|(point, _)| block(*point)).collect();
+        let normals = network.model.system.own_normals(&blocks, &network.values);
+        let mut weights: Vec<f64> = blocks
             .iter()
-            .map(|(point, _)| of_point(*point).filter(|w| w.is_finite()).unwrap_or(0.0))
+            .zip(normals)
+            .map(|(block, mut normal)| {
+                let free = network.model.system.free(*block);
+                for (at, _) in free.iter().enumerate().filter(|(_, free)| !**free) {
+                    // Known exactly: its variance is zero.
+                    normal[(at, at)] = f64::INFINITY;
+                }
+                let finite = normal.map(|v| if v.is_finite() { v } else { 1e18 });
+                finite.try_inverse().map_or(0.0, |inverse| 1.0 / inverse.trace())
+            })
             .collect();
-        let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
-        if mean > 0.0 {
-            weights.iter_mut().for_each(|weight| *weight /= mean);
-        } else {
-            // All are known exactly.
+        let is_known = |weight: &f64| !weight.is_finite() || *weight > 1e15;
+        if weights.iter().all(is_known) {
             weights.fill(1.0);
         }
+        let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
+        weights.iter_mut().for_each(|weight| *weight /= mean);
         weights
     };
     network.frames.iter().enumerate().map(of_vehicle).collect()
@@ -189,11 +196,18 @@ impl<'a> Inner<'a> {
         for group in self.network.model.groups_of(Source::Convention) {
             for seen in self.covariance.jacobians(group) {
                 let [(block, jacobian)] = seen.as_slice() else { continue };
-                let Some(own) = self.covariance.block(*block, *block) else { continue };
-                let moved = own * jacobian.transpose();
-                let part = &moved * moved.transpose();
                 let start = self.network.model.system.range_of(*block).expect("free").start;
-                found.entry(start).and_modify(|sum| *sum += &part).or_insert(part);
+                let columns = jacobian.transpose();
+                let all = match found.remove(&start) {
+                    None => columns,
+                    Some(before) => {
+                        let at = before.ncols();
+                        let mut all = before.insert_columns(at, columns.ncols(), 0.0);
+                        all.columns_mut(at, columns.ncols()).copy_from(&columns);
+                        all
+                    }
+                };
+                found.insert(start, all);
             }
         }
         self.conventions = found;
@@ -272,8 +286,16 @@ impl<'a> Inner<'a> {
                 covariance.view_mut((row, column), (of_a.len(), of_b.len())).copy_from(&block);
                 column += of_b.len();
             }
-            if let Some(part) = self.conventions.get(&of_a.start) {
-                conventions.view_mut((row, row), (of_a.len(), of_a.len())).copy_from(part);
+            if let Some(rows) = self.conventions.get(&of_a.start) {
+                // What the rows on this block contribute to all pieces: Q' J^T.
+                let mut moved = DMatrix::zeros(size, rows.ncols());
+                let mut at = 0;
+                for (b, of_b) in pieces.iter().zip(&ranges) {
+                    let block = self.cross(vehicle, b.block, a.block)? - &b.motion * ya.transpose();
+                    moved.rows_mut(at, of_b.len()).copy_from(&(block * rows));
+                    at += of_b.len();
+                }
+                conventions += &moved * moved.transpose();
             }
             if let Some((direction, of_open)) = &body.scale {
                 let along = DVector::from_column_slice(&direction[of_a.clone()]) - &a.motion * of_open;

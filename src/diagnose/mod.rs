@@ -55,7 +55,7 @@ fn of_network(
     variance: f64,
 ) -> Result<Diagnosis, NoCovariance> {
     let mut covariance = Covariance::new(&network.model.system, &network.values)?;
-    let weights = inner::weights(network, &covariance);
+    let weights = inner::weights(network);
     let functionals = scale::functionals(estimate, network, &weights);
     let solved = covariance.times(&functionals);
     let directions = scale::directions(network, &functionals, &solved);

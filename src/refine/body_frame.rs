@@ -77,8 +77,7 @@ pub fn body_frames(problem: &Problem, estimate: &Estimate, model: &Model, values
 fn body_frame(estimate: &Estimate, model: &Model, values: &Values, vehicle: usize) -> BodyFrame {
     let found = &estimate.vehicles[vehicle];
     let place = |(at, point): (usize, &Option<Point3<f64>>)| {
-        let counts = !found.open_depth.get(at).copied().unwrap_or(false);
-        model.shape_point(vehicle, at).filter(|_| counts)?;
+        model.shape_point(vehicle, at)?;
         Some((at, (*point)?))
     };
     let mut points: Vec<(usize, Point3<f64>)> = found.points.iter().enumerate().filter_map(place).collect();

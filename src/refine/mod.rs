@@ -109,6 +109,8 @@ const SETTLED: f64 = 1.15;
 /// Image points of other standard deviations than stated, by more than this factor, weigh what they prove
 /// to be worth.
 const REWEIGHTED: f64 = 1.1;
+/// ... but by no less and no more than these: data without noise prove nothing.
+const WEIGHED_WITHIN: [f64; 2] = [0.2, 100.0];
 /// Rows of image points from which that can be said.
 const LEAST_IMAGE_ROWS: usize = 200;
 /// Image points are weighed anew so many times at the most.
@@ -301,7 +303,9 @@ impl Run<'_> {
     fn least_squares(&mut self, estimate: &mut Estimate, fits: &Fits) -> Result<Option<Network>, NoSolution> {
         let values = self.model.values(estimate);
         let frames = body_frames(self.problem, estimate, &self.model, &values);
-        let purpose = Purpose::Statistics { fits, frames: &frames };
+        // Whoever wants plain least squares has nothing rejected.
+        let accepted = if self.options.loss == LossName::None { &fits.all_accepted() } else { fits };
+        let purpose = Purpose::Statistics { fits: accepted, frames: &frames };
         let mut model = Model::new(self.problem, self.start, estimate, self.options, purpose);
         model.copy_motion(&self.model);
         self.values = model.system.start().clone();
@@ -356,7 +360,8 @@ impl Run<'_> {
             let trace: f64 =
                 covariance.leverages(group).chunks_exact(4).map(|block| block[0] + block[3]).sum();
             let change = (squares / (rows as f64 - trace).max(1.0)).sqrt();
-            let factor = factors[at] * change;
+            let factor = (factors[at] * change).clamp(WEIGHED_WITHIN[0], WEIGHED_WITHIN[1]);
+            let change = factor / factors[at];
             if rows >= LEAST_IMAGE_ROWS && factor.max(1.0 / factor) > REWEIGHTED {
                 weighed[at] = factor;
                 largest = largest.max(change).max(1.0 / change);

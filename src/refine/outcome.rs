@@ -229,6 +229,14 @@ impl Fits {
         fits
     }
 
+    /// The same with no image point rejected.
+    pub fn all_accepted(&self) -> Fits {
+        let mut fits = self.clone();
+        let accept = |fit: &mut ObservationFit| fit.is_outlier = false;
+        fits.vehicles.iter_mut().flatten().chain(&mut fits.targets).flatten().for_each(accept);
+        fits
+    }
+
     /// One fit; `computed` is `None` where the point has no coordinates.
     fn count(
         &mut self,

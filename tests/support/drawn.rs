@@ -30,6 +30,10 @@ pub struct Film {
     pub tilt_rad: f64,
     pub correlation_s: f64,
     pub mark_m: f64,
+    /// How fast the camera drifts along x \[m/s\].
+    pub drift_mps: f64,
+    /// Of the targets so many are check points.
+    pub check: usize,
     /// Speed \[m/s\] and turn \[rad/s\].
     pub motion: [f64; 2],
     /// By what errors of image points of vehicles, of targets, of the survey and of the terrain really scatter.
@@ -49,6 +53,8 @@ impl Default for Film {
             tilt_rad: 0.01,
             correlation_s: 1.0,
             mark_m: 0.01,
+            drift_mps: 0.2,
+            check: 0,
             motion: [5.0, 0.25],
             really: [1.0; 4],
         }
@@ -124,7 +130,11 @@ impl Film {
         let targets = places.iter().enumerate().map(|(at, place)| {
             let surveyed = place + normal3(rng) * (self.survey_m * of_survey);
             let known = |axis: usize| Some(Known { value_m: surveyed[axis], sigma_m: self.survey_m });
-            Target { id: format!("T{at:02}"), known: [known(0), known(1), known(2)], role: Role::Control }
+            Target {
+                id: format!("T{at:02}"),
+                known: [known(0), known(1), known(2)],
+                role: if at < self.check { Role::Check } else { Role::Control },
+            }
         });
         let targets: Vec<Target> = targets.collect();
         let mark_m = truth.points[0].z + normal(rng) * self.mark_m;
@@ -185,7 +195,7 @@ impl Film {
         // The camera: white noise of acceleration about a slow drift.
         let root = STEP_S.sqrt();
         let mut place = Vector3::new(-1.0, 1.0, 60.0);
-        let mut velocity = Vector3::new(0.2, -0.1, 0.05);
+        let mut velocity = Vector3::new(self.drift_mps, -0.1, 0.05);
         let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
         let mut turn = down * exp(&Vector3::new(0.03, 0.02, 0.4));
         let mut rate = Vector3::new(0.0, 0.0, 0.01);

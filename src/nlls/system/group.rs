@@ -5,7 +5,7 @@ use super::{BlockId, Cost, System, Values};
 use crate::nlls::loss::Loss;
 use crate::nlls::manifold::MAX_TANGENT;
 use crate::nlls::residual::{Jacobian, Residual};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -74,6 +74,8 @@ pub(super) trait AnyGroup: Send + Sync {
     fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
     fn residuals(&self, system: &System, values: &Values) -> Vec<Option<Vec<f64>>>;
     fn linear(&self) -> Linear;
+    /// Adds `J^T J` by each block alone to its sum.
+    fn add_own(&self, system: &System, values: &Values, sums: &mut [DMatrix<f64>]);
     /// `J x`, whitened and weighted, row by row.
     fn product(&self, system: &System, values: &Values, x: &[f64]) -> Vec<f64>;
     fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear);
@@ -333,6 +335,25 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
             columns,
             residuals: vec![0.0; self.len() * ROWS],
             jacobians: vec![0.0; self.len() * ROWS * columns],
+        }
+    }
+
+    fn add_own(&self, system: &System, values: &Values, sums: &mut [DMatrix<f64>]) {
+        for measurement in &self.measurements {
+            let mut jacobian = Jacobian::zeros();
+            let Some(weighed) = self.weighed(measurement, system, values, 1.0, &mut jacobian) else {
+                continue;
+            };
+            for ((block, jacobian), manifold) in measurement.blocks.iter().zip(&jacobian.0).zip(R::MANIFOLDS)
+            {
+                let n = manifold.tangent();
+                let mut columns = SMatrix::<f64, ROWS, MAX_TANGENT>::zeros();
+                for (column, _) in system.free(*block).iter().enumerate().filter(|(_, free)| **free) {
+                    columns.set_column(column, &weighed.column(jacobian, column));
+                }
+                let square = columns.transpose() * columns;
+                sums[block.0] += square.view((0, 0), (n, n));
+            }
         }
     }
 

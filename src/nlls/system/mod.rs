@@ -30,6 +30,7 @@ use assembly::Gather;
 use frames::{Frames, FramesLinear};
 use group::{AnyGroup, Group, Linear};
 use leaves::{Leaves, Reduced, Sums, clamped};
+use nalgebra::DMatrix;
 use orbit::Orbit;
 use std::sync::Arc;
 
@@ -437,6 +438,15 @@ impl System {
     /// Whitened residuals of a group, before the loss; `None` where the geometry is impossible.
     pub fn residuals(&self, group: GroupId, values: &Values) -> Vec<Option<Vec<f64>>> {
         self.groups[group.0].residuals(self, values)
+    }
+
+    /// For each of these blocks `J^T J` by it alone at `values`: its normal matrix, were all others known.
+    pub fn own_normals(&self, blocks: &[BlockId], values: &Values) -> Vec<DMatrix<f64>> {
+        let size = |block: &Block| block.manifold.tangent();
+        let mut sums: Vec<DMatrix<f64>> =
+            self.blocks.iter().map(|block| DMatrix::zeros(size(block), size(block))).collect();
+        self.groups.iter().for_each(|group| group.add_own(self, values, &mut sums));
+        blocks.iter().map(|block| sums[block.0].clone()).collect()
     }
 
     /// `J x` for the whitened, weighted rows of a group at `values`, and `x` in elimination order.

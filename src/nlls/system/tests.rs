@@ -784,6 +784,23 @@ fn selected_blocks_and_leverages_are_those_of_the_dense_inverse() {
 }
 
 #[test]
+fn normal_matrices_of_single_blocks_are_those_on_the_diagonal() {
+    let whole = film(None, false, Loss::Huber { scale: 3.0 });
+    let dense = dense(&linearised(&whole).matrix);
+    let film = film(Some(Arrangement::Together), false, Loss::Huber { scale: 3.0 });
+    let blocks: Vec<BlockId> =
+        (0..whole.blocks.len()).map(BlockId).filter(|b| whole.range_of(*b).is_some()).collect();
+    for (block, found) in blocks.iter().zip(film.own_normals(&blocks, film.start())) {
+        let range = whole.range_of(*block).unwrap();
+        for (i, row) in range.clone().enumerate().filter(|(i, _)| whole.free(*block)[*i]) {
+            for (j, column) in range.clone().enumerate() {
+                assert!((found[(i, j)] - dense[(row, column)]).abs() < 1e-11 * dense[(row, row)]);
+            }
+        }
+    }
+}
+
+#[test]
 fn products_with_jacobians_are_those_of_their_transposes() {
     let system = film(None, false, Loss::Huber { scale: 3.0 });
     let normal = linearised(&system);
