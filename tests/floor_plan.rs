@@ -56,6 +56,11 @@ const PLAN: &[(u32, &str, &[&str])] = &[
         "report",
         &["refine", "initialise", "files", "estimate", "problem", "geometry", "nlls/linear", "nlls/loss"],
     ),
+    (
+        7,
+        "diagnose",
+        &["refine", "residuals", "estimate", "problem", "geometry", "nlls/linear", "nlls/manifold", "nlls/residual"],
+    ),
     (7, "scene", &["refine", "estimate", "problem", "geometry", "nlls/minimise"]),
     (
         8,

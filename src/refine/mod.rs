@@ -17,7 +17,7 @@ mod reversal;
 
 pub use body_frame::{BodyFrame, OPEN_M, body_frames, point_motion, pose_motion, step_of};
 pub use datum::scale_gap;
-pub use model::{Model, Source};
+pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
 

@@ -1,0 +1,371 @@
+//! What measurements and real knowledge leave open: rank and defect of the normal equations, and each direction
+//! that nothing, or next to nothing, holds, in the words of the user.
+//!
+//! Image points, surveyed targets, ground, known heights and points, and camera poses whose standard deviations
+//! are stated count; smoothness of motion, starting poses, usual sizes and holds of tie points do not. A camera
+//! without a standard deviation is free here even where the adjustment holds it as given: [`Direction::held_by`]
+//! then says so.
+//!
+//! ```text
+//! J D^-1 = U S V^T       D: the norms of the columns of the whitened Jacobian J
+//! null                   s_i / s_1 < 1e-9
+//! weak                   1e-9 <= s_i / s_1 < 1e-3: it keeps its large, finite standard deviation
+//! ```
+//!
+//! The null space of the image points is known by theory ([`candidates`]); knowledge restricts it, and what is
+//! left by counting is the expected defect. Singular values of the Jacobian itself (those of the normal matrix
+//! would drown) say what is open beyond it. Where there are more than [`MOST_DENSE`] unknowns theory alone is
+//! confirmed, candidate by candidate.
+
+mod candidates;
+mod names;
+mod rows;
+mod span;
+
+pub use names::describe;
+
+use crate::estimate::Estimate;
+use crate::nlls::linear::dense::Spectrum;
+use crate::problem::Problem;
+use candidates::{Candidate, Candidates, candidates};
+use nalgebra::{DMatrix, DVector};
+use rows::{Coordinates, Rows};
+use span::{Shares, Span, orthonormal};
+
+/// Directions whose singular value, as a share of the largest, lies below this are null.
+pub const NULL_RATIO: f64 = 1e-9;
+/// Those that are not null and lie below this are weak.
+pub const WEAK_RATIO: f64 = 1e-3;
+/// With more unknowns than this singular values are not computed.
+pub const MOST_DENSE: usize = 1500;
+/// With more candidates than this in a large problem each body, and each frame, is looked at by itself.
+const MOST_TOGETHER: usize = 400;
+/// Multiplications with the Jacobian by which its largest singular value is found.
+const POWER_STEPS: usize = 40;
+/// A weak direction with this share in the span of candidates is called by one of them.
+const SHARE_IN_SPAN: f64 = 0.5;
+
+/// What is open.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observability {
+    /// How many numbers are unknown.
+    pub unknowns: usize,
+    /// How many of their combinations are determined, weak ones too.
+    pub rank: usize,
+    /// How many are not.
+    pub defect: usize,
+    /// How many should not be, by theory.
+    pub expected_defect: usize,
+    /// The largest singular value of the Jacobian, its columns scaled to unit length.
+    pub largest_singular: f64,
+    /// What is null or weak: null first, each in order of bodies.
+    pub directions: Vec<Direction>,
+    /// Whether all singular values were computed; if not, only directions known by theory were confirmed.
+    pub is_dense: bool,
+}
+
+/// A direction that nothing, or little, holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Direction {
+    /// What it is, in words.
+    pub name: String,
+    /// What it is.
+    pub kind: Kind,
+    /// How open it is.
+    pub class: Class,
+    /// What rows see of it, as a share of what they see of what they see best.
+    pub singular_ratio: f64,
+    /// What holds it in the adjustment nevertheless.
+    pub held_by: Option<&'static str>,
+}
+
+/// How open a direction is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// Nothing holds it.
+    Null,
+    /// It is held, and has a large standard deviation.
+    Weak,
+}
+
+/// What a direction does to a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Freedom {
+    /// It shifts it.
+    Shift,
+    /// It rotates it.
+    Rotation,
+}
+
+/// What is open of a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Part {
+    /// Its position along an axis of the world.
+    Position(usize),
+    /// Its attitude about an axis of the body.
+    Attitude(usize),
+    /// Some combination.
+    Pose,
+}
+
+/// What a direction is. Vehicles, points, targets and frames are indices; axes are 0, 1, 2 for x, y, z.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// Scale of the static world: cameras and static points.
+    WorldScale,
+    /// Frame of the world.
+    World {
+        /// What it does.
+        freedom: Freedom,
+        /// Along or about which axis of the world.
+        axis: usize,
+    },
+    /// Scale of a vehicle: its size and its distance from the camera.
+    Scale {
+        /// The vehicle.
+        vehicle: usize,
+    },
+    /// Frame of a vehicle.
+    BodyFrame {
+        /// The vehicle.
+        vehicle: usize,
+        /// What it does.
+        freedom: Freedom,
+        /// Along or about which axis of the vehicle.
+        axis: usize,
+    },
+    /// Depth of a point of a vehicle, or of a target.
+    PointDepth {
+        /// The vehicle; `None` for a target.
+        vehicle: Option<usize>,
+        /// The point or target.
+        point: usize,
+    },
+    /// Pose of the camera, its vehicles moving along.
+    CameraPose {
+        /// In these frames.
+        frames: Vec<usize>,
+        /// What of it.
+        part: Part,
+    },
+    /// Pose of a vehicle.
+    VehiclePose {
+        /// The vehicle.
+        vehicle: usize,
+        /// In these frames.
+        frames: Vec<usize>,
+    },
+    /// None of these.
+    Other,
+}
+
+/// What is open of a problem at an estimate.
+pub fn observability(problem: &Problem, estimate: &Estimate) -> Observability {
+    let all = Coordinates::new(problem, estimate);
+    let rows = Rows::new(problem, estimate, &all);
+    let norms = rows.column_norms(all.len());
+    let candidates = candidates(problem, estimate, &all, &rows);
+    let unknowns = all.unknowns();
+    let work = Work { problem, all: &all, rows: &rows, norms: &norms };
+    let dense = if unknowns <= MOST_DENSE { work.dense(&candidates) } else { None };
+    let found = dense.unwrap_or_else(|| work.by_theory(&candidates));
+    let mut directions = found.directions;
+    directions.sort_by(|a, b| (a.class == Class::Weak, &a.kind).cmp(&(b.class == Class::Weak, &b.kind)));
+    let defect = directions.iter().filter(|direction| direction.class == Class::Null).count();
+    Observability {
+        unknowns,
+        rank: unknowns.saturating_sub(defect),
+        defect,
+        // Fewer rows than unknowns leave something open wherever they are.
+        expected_defect: found.expected.max(unknowns.saturating_sub(rows.measured)),
+        largest_singular: found.largest,
+        directions,
+        is_dense: found.is_dense,
+    }
+}
+
+struct Found {
+    directions: Vec<Direction>,
+    expected: usize,
+    largest: f64,
+    is_dense: bool,
+}
+
+/// What both ways need.
+struct Work<'a> {
+    problem: &'a Problem,
+    all: &'a Coordinates,
+    rows: &'a Rows,
+    norms: &'a [f64],
+}
+
+impl Work<'_> {
+    /// By the singular values of the whole Jacobian; `None` where there are none.
+    fn dense(&self, candidates: &Candidates) -> Option<Found> {
+        let free: Vec<usize> = (0..self.all.len()).filter(|at| self.all.is_free[*at]).collect();
+        let mut column = vec![None; self.all.len()];
+        free.iter().enumerate().for_each(|(at, coordinate)| column[*coordinate] = Some(at));
+        let mut jacobian = DMatrix::zeros(self.rows.measured, free.len());
+        for row in 0..self.rows.measured {
+            for (at, value) in self.rows.row(row) {
+                if let Some(column) = column[*at] {
+                    jacobian[(row, column)] += value / self.norms[*at];
+                }
+            }
+        }
+        let largest = Spectrum::of(&jacobian).ok()??.values.first().copied().unwrap_or(0.0);
+        let shares = Shares::of(&jacobian, largest)?;
+        let together: Vec<Candidate> =
+            candidates.of_bodies.iter().chain(&candidates.of_frames).flatten().cloned().collect();
+        let span = Span::new(&together, self.norms);
+        let (expected, mut directions, confirmed) = self.null_in(&span, largest, true)?;
+        let spread = |vectors: DMatrix<f64>| {
+            let mut spread = DMatrix::zeros(self.all.len(), vectors.ncols());
+            free.iter().enumerate().for_each(|(at, to)| spread.row_mut(*to).copy_from(&vectors.row(at)));
+            spread
+        };
+        // What is null beyond theory.
+        let null = spread(shares.within(-1.0..NULL_RATIO));
+        let beyond = orthonormal(&(&null - &confirmed * confirmed.tr_mul(&null)));
+        let number = null.ncols().saturating_sub(confirmed.ncols());
+        for direction in localised(&beyond, number) {
+            let kind = names::by_weight(self.all, &direction);
+            let ratio = self.ratio(&direction, largest);
+            directions.push(self.direction(kind, Class::Null, ratio));
+        }
+        for (value, vector) in
+            shares.values.iter().filter(|v| (NULL_RATIO..WEAK_RATIO).contains(*v)).zip(
+                spread(shares.within(NULL_RATIO..WEAK_RATIO)).column_iter(),
+            )
+        {
+            let vector = vector.clone_owned();
+            let along = span.along(&vector);
+            let mut kind = None;
+            if along.norm_squared() > SHARE_IN_SPAN {
+                let named = span.names(&DMatrix::from_columns(&[along]));
+                kind = named.into_iter().next().map(|named| named.kind);
+            }
+            let kind = kind.unwrap_or_else(|| names::by_weight(self.all, &vector));
+            directions.push(self.direction(kind, Class::Weak, *value));
+        }
+        Some(Found { directions, expected, largest, is_dense: true })
+    }
+
+    /// By theory alone, confirmed.
+    fn by_theory(&self, candidates: &Candidates) -> Found {
+        let largest = self.largest_singular();
+        let number: usize = candidates.of_bodies.iter().chain(&candidates.of_frames).map(Vec::len).sum();
+        let groups: Vec<Vec<Candidate>> = if number <= MOST_TOGETHER {
+            let together = candidates.of_bodies.iter().chain(&candidates.of_frames).flatten();
+            vec![together.cloned().collect()]
+        } else {
+            candidates.of_bodies.iter().chain(&candidates.of_frames).cloned().collect()
+        };
+        let mut found = Found { directions: Vec::new(), expected: 0, largest, is_dense: false };
+        for group in &groups {
+            let span = Span::new(group, self.norms);
+            let Some((expected, directions, _)) = self.null_in(&span, largest, false) else { continue };
+            found.expected += expected;
+            found.directions.extend(directions);
+            let range = NULL_RATIO..WEAK_RATIO;
+            let all = span.restricted(self.rows, 0..self.rows.len(), self.norms);
+            let Some(shares) = Shares::of(&all, largest) else { continue };
+            for named in span.names(&shares.within(range)) {
+                let ratio = (&all * &named.along).norm() / largest;
+                found.directions.push(self.direction(named.kind, Class::Weak, ratio));
+            }
+        }
+        found
+    }
+
+    /// In the span of candidates: how many directions knowledge leaves open, those that all rows leave open, and
+    /// their scaled perturbations.
+    fn null_in(
+        &self,
+        span: &Span,
+        largest: f64,
+        wants_perturbations: bool,
+    ) -> Option<(usize, Vec<Direction>, DMatrix<f64>)> {
+        let (images, all) = (self.rows.images, self.rows.len());
+        let known = span.restricted(self.rows, images..all, self.norms);
+        let of_images = span.restricted(self.rows, 0..images, self.norms);
+        let expected = Shares::of(&known, largest)?.within(-1.0..NULL_RATIO).ncols();
+        let mut both = known.resize_vertically(all, 0.0);
+        both.rows_mut(all - images, images).copy_from(&of_images);
+        let null = Shares::of(&both, largest)?.within(-1.0..NULL_RATIO);
+        let directions = span
+            .names(&null)
+            .into_iter()
+            .map(|named| {
+                let ratio = (&both * &named.along).norm() / largest.max(f64::MIN_POSITIVE);
+                self.direction(named.kind, Class::Null, ratio)
+            })
+            .collect();
+        let mut perturbations = DMatrix::zeros(self.all.len(), 0);
+        if wants_perturbations {
+            let columns: Vec<DVector<f64>> =
+                null.column_iter().map(|along| span.perturbation(&along.clone_owned())).collect();
+            if !columns.is_empty() {
+                perturbations = DMatrix::from_columns(&columns);
+            }
+        }
+        Some((expected, directions, perturbations))
+    }
+
+    fn direction(&self, kind: Kind, class: Class, singular_ratio: f64) -> Direction {
+        let name = names::name(self.problem, &kind);
+        let held_by = names::held_by(self.problem, &kind);
+        Direction { name, kind, class, singular_ratio, held_by }
+    }
+
+    /// What measurements see of a scaled perturbation.
+    fn ratio(&self, perturbation: &DVector<f64>, largest: f64) -> f64 {
+        let seen = |row: usize| -> f64 {
+            self.rows.row(row).iter().map(|(at, value)| value * perturbation[*at] / self.norms[*at]).sum()
+        };
+        let square: f64 = (0..self.rows.measured).map(|row| seen(row).powi(2)).sum();
+        square.sqrt() / perturbation.norm().max(f64::MIN_POSITIVE) / largest.max(f64::MIN_POSITIVE)
+    }
+
+    /// The largest singular value by the power method.
+    fn largest_singular(&self) -> f64 {
+        let is_free = |at: &usize| self.all.is_free[*at];
+        let mut vector: Vec<f64> = (0..self.all.len()).map(|at| f64::from(u8::from(is_free(&at)))).collect();
+        let mut largest = 0.0;
+        for _ in 0..POWER_STEPS {
+            let length = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if length == 0.0 || !length.is_finite() {
+                break;
+            }
+            let mut next = vec![0.0; vector.len()];
+            for row in 0..self.rows.measured {
+                let entries = self.rows.row(row).iter().filter(|(at, _)| is_free(at));
+                let seen: f64 =
+                    entries.clone().map(|(at, value)| value / self.norms[*at] * vector[*at] / length).sum();
+                entries.for_each(|(at, value)| next[*at] += value / self.norms[*at] * seen);
+            }
+            largest = next.iter().map(|x| x * x).sum::<f64>().sqrt().sqrt();
+            vector = next;
+        }
+        largest
+    }
+}
+
+/// So many directions of a space, each about one coordinate.
+fn localised(space: &DMatrix<f64>, number: usize) -> Vec<DVector<f64>> {
+    let mut left = space.clone();
+    let mut directions = Vec::new();
+    while directions.len() < number && left.ncols() > 0 {
+        let largest = (0..left.nrows()).max_by(|a, b| left.row(*a).norm().total_cmp(&left.row(*b).norm()));
+        let Some(row) = largest.map(|at| left.row(at).transpose()) else { break };
+        let length = row.norm();
+        if length.is_nan() || length < 1e-6 {
+            break;
+        }
+        let row = row / length;
+        let direction = &left * &row;
+        left -= &direction * row.transpose();
+        directions.push(direction);
+    }
+    directions
+}
