@@ -59,7 +59,16 @@ const PLAN: &[(u32, &str, &[&str])] = &[
     (
         7,
         "diagnose",
-        &["refine", "residuals", "estimate", "problem", "geometry", "nlls/linear", "nlls/manifold", "nlls/residual"],
+        &[
+            "refine",
+            "residuals",
+            "estimate",
+            "problem",
+            "geometry",
+            "nlls/linear",
+            "nlls/manifold",
+            "nlls/residual",
+        ],
     ),
     (7, "scene", &["refine", "estimate", "problem", "geometry", "nlls/minimise"]),
     (

@@ -51,6 +51,8 @@ enum Drive {
 enum Sigma {
     Exact,
     Stated,
+    /// Of positions only.
+    Positions,
     None,
 }
 
@@ -128,6 +130,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
     let components = match plan.sigma {
         Sigma::Exact => PoseSigma { position_m: Some(0.0), rotation_rad: [Some(0.0); 3] },
         Sigma::Stated => PoseSigma { position_m: Some(0.3), rotation_rad: [Some(0.01); 3] },
+        Sigma::Positions => PoseSigma { position_m: Some(0.05), rotation_rad: [None; 3] },
         Sigma::None => PoseSigma { position_m: None, rotation_rad: [None; 3] },
     };
     let mut problem = Problem {
@@ -186,9 +189,8 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             rng.random_range(-3.0..3.0),
         );
         let sigma_m = if target % 2 == 0 { 0.01 } else { 0.0 };
-        let known = |axis: usize| {
-            (target < plan.targets[0]).then_some(Known { value_m: place[axis], sigma_m })
-        };
+        let known =
+            |axis: usize| (target < plan.targets[0]).then_some(Known { value_m: place[axis], sigma_m });
         problem.targets.push(Target {
             id: format!("t{target:02}"),
             known: [known(0), known(1), known(2)],
@@ -208,12 +210,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
 
 fn see(problem: &mut Problem, estimate: &Estimate, vehicle: usize, frame: usize, point: usize) {
     let image_px = estimate.vehicle_image_px(problem, vehicle, frame, point).unwrap();
-    problem.vehicles[vehicle].observations.push(VehicleObservation {
-        frame,
-        point,
-        image_px,
-        sigma_px: 1.0,
-    });
+    problem.vehicles[vehicle].observations.push(VehicleObservation { frame, point, image_px, sigma_px: 1.0 });
 }
 
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -274,7 +271,7 @@ impl Scene {
     }
 }
 
-const CASES: [&str; 20] = [
+const CASES: [&str; 25] = [
     "exact cameras",
     "cameras with sigmas",
     "control",
@@ -295,6 +292,11 @@ const CASES: [&str; 20] = [
     "ground, tie points, flight at many heights",
     "a frame with few points",
     "a known point",
+    "positions known, attitudes not, nothing static",
+    "positions known, attitudes not, tie points",
+    "two surveyed points and tie points",
+    "frames without a static point",
+    "points come and go",
 ];
 
 fn scene(case: usize, rng: &mut ChaCha8Rng) -> Scene {
@@ -355,6 +357,21 @@ fn scene(case: usize, rng: &mut ChaCha8Rng) -> Scene {
                 plan.flight = Flight::Level;
             }
         }
+        "positions known, attitudes not, nothing static" => plan.sigma = Sigma::Positions,
+        "positions known, attitudes not, tie points" => {
+            plan.sigma = Sigma::Positions;
+            plan.targets = [0, ties];
+        }
+        "two surveyed points and tie points" => {
+            plan.sigma = Sigma::None;
+            plan.targets = [2, ties];
+        }
+        "frames without a static point" => {
+            plan.sigma = Sigma::None;
+            plan.targets = [0, ties];
+            plan.frames = plan.frames.max(5);
+        }
+        "points come and go" => plan.frames = plan.frames.max(6),
         _ => {}
     }
     let mut scene = build(&plan, rng);
@@ -414,11 +431,12 @@ fn scene(case: usize, rng: &mut ChaCha8Rng) -> Scene {
                     }
                 }
             }
+            let last = scene.problem.frames.len() - 1;
             for v in scene.vehicles() {
                 scene.expect_scale_and_frame(v);
                 let more = rng.random_range(0..=3);
                 for _ in 0..more {
-                    let frame = rng.random_range(0..scene.problem.frames.len() - 1);
+                    let frame = rng.random_range(0..last);
                     let point = scene.problem.vehicles[v].points.len();
                     let id = format!("q{point:04}");
                     scene.problem.vehicles[v].points.push(ShapePoint { id: id.clone(), known: [None; 3] });
@@ -426,7 +444,7 @@ fn scene(case: usize, rng: &mut ChaCha8Rng) -> Scene {
                     scene.estimate.vehicles[v].points.push(Some(place));
                     if is_twice {
                         see(&mut scene.problem, &scene.estimate, v, 0, point);
-                        see(&mut scene.problem, &scene.estimate, v, scene.problem.frames.len() - 1, point);
+                        see(&mut scene.problem, &scene.estimate, v, last, point);
                     } else {
                         see(&mut scene.problem, &scene.estimate, v, frame, point);
                     }
@@ -474,6 +492,45 @@ fn scene(case: usize, rng: &mut ChaCha8Rng) -> Scene {
                 }
             }
         }
+        "positions known, attitudes not, nothing static" => {
+            for frame in 0..plan.frames {
+                AXES.iter()
+                    .for_each(|a| scene.expect(format!("attitude of frame {}, about {a}", 80 + frame)));
+            }
+            vehicles.for_each(|v| scene.expect_scale_and_frame(v));
+        }
+        "two surveyed points and tie points" => {
+            // About the line through both.
+            scene.expect("frame of the world, *");
+            vehicles.for_each(|v| scene.expect_scale_and_frame(v));
+        }
+        "frames without a static point" => {
+            scene.expect("scale of the world");
+            scene.expect_world_frame();
+            let blind: Vec<usize> = (0..rng.random_range(1..=2)).map(|k| 2 * k).collect();
+            scene.problem.target_observations.retain(|o| !blind.contains(&o.frame));
+            for frame in blind {
+                for axis in AXES {
+                    scene.expect(format!("position of frame {}, along {axis}", 80 + frame));
+                    scene.expect(format!("attitude of frame {}, about {axis}", 80 + frame));
+                }
+            }
+            vehicles.for_each(|v| scene.expect_scale_and_frame(v));
+        }
+        "points come and go" => {
+            for v in vehicles {
+                scene.expect_scale_and_frame(v);
+                // Each frame misses one point, each vehicle comes late and goes early.
+                let points = scene.problem.vehicles[v].points.len();
+                if points > 5 {
+                    let span = rng.random_range(0..=1)..plan.frames - rng.random_range(0..=1);
+                    let missed: Vec<usize> = (0..plan.frames).map(|_| rng.random_range(0..points)).collect();
+                    let keeps =
+                        |o: &VehicleObservation| span.contains(&o.frame) && missed[o.frame] != o.point;
+                    scene.problem.vehicles[v].observations.retain(keeps);
+                }
+            }
+        }
         _ => vehicles.for_each(|v| scene.expect_scale_and_frame(v)),
     }
     scene.names.sort();
@@ -485,6 +542,23 @@ fn null_names(found: &Observability) -> Vec<String> {
     let mut names: Vec<String> = null.map(|direction| direction.name.clone()).collect();
     names.sort();
     names
+}
+
+/// The wanted names that are not among those found; one that ends in `*` stands for any that begins so.
+fn match_up(found: &[String], wanted: &[String]) -> Vec<String> {
+    let mut left = found.to_vec();
+    let mut missing = Vec::new();
+    for name in wanted {
+        let is_it = |other: &String| match name.strip_suffix('*') {
+            Some(beginning) => other.starts_with(beginning),
+            None => other == name,
+        };
+        match left.iter().position(is_it) {
+            Some(at) => drop(left.remove(at)),
+            None => missing.push(name.clone()),
+        }
+    }
+    missing
 }
 
 #[test]
@@ -505,24 +579,19 @@ fn a_thousand_scenes_are_as_theory_says() {
         let is_right = [
             found.defect == scene.names.len() && found.rank + found.defect == found.unknowns,
             found.expected_defect == scene.names.len(),
-            got == scene.names,
+            match_up(&got, &scene.names).is_empty() && got.len() == scene.names.len(),
         ];
         defects += usize::from(is_right[0]);
         expected += usize::from(is_right[1]);
         all_names += usize::from(is_right[2]);
         names[1] += scene.names.len();
-        let mut left = got.clone();
-        for name in &scene.names {
-            if let Some(at) = left.iter().position(|other| other == name) {
-                left.remove(at);
-                names[0] += 1;
-            }
-        }
+        let missing = match_up(&got, &scene.names);
+        names[0] += scene.names.len() - missing.len();
         for (wrong, right) in wrong[case].iter_mut().zip(is_right) {
             *wrong += usize::from(!right);
         }
         if is_right != [true; 3] && wrong[case].iter().sum::<usize>() <= 3 {
-            let missing: Vec<&String> = scene.names.iter().filter(|name| !got.contains(name)).collect();
+            let left = match_up(&scene.names, &got);
             let weakest = found.directions.iter().map(|d| d.singular_ratio).fold(0.0, f64::max);
             println!(
                 "{number} {}: defect {} expected {} theory {}; missing {missing:?}, too much {left:?}; {weakest:e}",
@@ -573,4 +642,89 @@ fn a_long_film_is_looked_at_by_theory() {
     assert_eq!(null_names(&found), scene.names);
     assert_eq!([found.defect, found.expected_defect], [8, 8]);
     println!("{}", describe(&found));
+}
+
+/// A plan with one vehicle and exact cameras.
+fn plain(frames: usize) -> Plan {
+    Plan {
+        vehicles: 1,
+        frames,
+        flight: Flight::Free,
+        drive: Drive::Tilted,
+        sigma: Sigma::Exact,
+        targets: [0, 0],
+        has_ground: false,
+        knows_height: false,
+    }
+}
+
+fn weak_names(found: &Observability) -> Vec<String> {
+    let weak = found.directions.iter().filter(|direction| direction.class == Class::Weak);
+    let mut names: Vec<String> = weak.map(|direction| direction.name.clone()).collect();
+    names.sort();
+    names
+}
+
+/// Between nothing and something: centimetres of height over ground hold the scale, weakly.
+#[test]
+fn a_flight_that_is_nearly_level_holds_the_scale_weakly() {
+    for (seed, up_m) in [(1, 0.01), (2, 0.003), (3, 1e-5)] {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut scene = build(
+            &Plan { flight: Flight::Level, drive: Drive::Upright, has_ground: true, ..plain(8) },
+            &mut rng,
+        );
+        // Cameras are moved together with what they see, but for the ground.
+        for frame in 0..8 {
+            let up = Vector3::z() * (up_m * rng.random_range(-1.0..1.0));
+            scene.estimate.camera_poses[frame].translation.vector += up;
+            scene.problem.camera_poses[frame] = Some(scene.estimate.camera_poses[frame]);
+        }
+        let seen = std::mem::take(&mut scene.problem.vehicles[0].observations);
+        for o in seen {
+            see(&mut scene.problem, &scene.estimate, 0, o.frame, o.point);
+        }
+        let found = observability(&scene.problem, &scene.estimate);
+        assert_eq!([found.defect, found.expected_defect], [3, 3]);
+        assert!(weak_names(&found).contains(&"scale of car1".to_owned()), "{}", describe(&found));
+        let weak = found.directions.iter().find(|d| d.class == Class::Weak).unwrap();
+        assert!((1e-9..1e-3).contains(&weak.singular_ratio), "{}", weak.singular_ratio);
+        assert_eq!(weak.held_by, Some("starting poses"));
+    }
+}
+
+/// A camera that nearly follows: every depth is weak, but for the one combination that is the scale.
+#[test]
+fn a_camera_that_nearly_follows_leaves_depths_weak() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut scene = build(&Plan { flight: Flight::Following, ..plain(10) }, &mut rng);
+    for frame in 0..10 {
+        let step = Vector3::from_fn(|_, _| 1e-3 * rng.random_range(-1.0..1.0));
+        scene.estimate.camera_poses[frame].translation.vector += step;
+        scene.problem.camera_poses[frame] = Some(scene.estimate.camera_poses[frame]);
+    }
+    let seen = std::mem::take(&mut scene.problem.vehicles[0].observations);
+    for o in seen {
+        see(&mut scene.problem, &scene.estimate, 0, o.frame, o.point);
+    }
+    let found = observability(&scene.problem, &scene.estimate);
+    scene.expect_scale_and_frame(0);
+    assert_eq!([found.defect, found.expected_defect], [7, 7], "{}", describe(&found));
+    assert!(match_up(&null_names(&found), &scene.names).is_empty(), "{}", describe(&found));
+    let weak = weak_names(&found);
+    assert_eq!(weak.len(), scene.problem.vehicles[0].points.len() - 1, "{}", describe(&found));
+    println!("{}", describe(&found));
+}
+
+/// Large problems are looked at by theory alone: the same theory says the same of small ones.
+#[test]
+fn what_people_read() {
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let scene = build(&Plan { sigma: Sigma::None, vehicles: 2, ..plain(12) }, &mut rng);
+    let text = describe(&observability(&scene.problem, &scene.estimate));
+    println!("{text}");
+    assert!(text.contains("defect 86 (as expected; by all singular values)"));
+    assert!(text.contains("null: attitude of frames 80-91, about x; held by given camera poses\n"));
+    assert!(text.contains("null: scale of car2; held by starting poses\n"));
+    assert!(text.contains("null: body frame of car1, all six; held by starting poses\n"));
 }

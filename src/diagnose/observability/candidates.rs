@@ -319,9 +319,7 @@ impl Scene<'_> {
             for (frame, camera) in estimate.camera_poses.iter().enumerate() {
                 let mut delta = Vector6::zeros();
                 delta.fixed_rows_mut::<3>(0).copy_from(&shift(&cameras[frame]));
-                delta
-                    .fixed_rows_mut::<3>(3)
-                    .copy_from(&camera.rotation.inverse_transform_vector(&turn));
+                delta.fixed_rows_mut::<3>(3).copy_from(&camera.rotation.inverse_transform_vector(&turn));
                 self.move_camera(&mut motion, frame, &delta);
             }
             for (start, place) in &places {
@@ -355,7 +353,8 @@ impl Scene<'_> {
         };
         let loose = body.loose();
         let ray = |seen: &Sighting| {
-            let (Some(pose), Some(point)) = (&estimate.poses[seen.frame], &estimate.points[seen.point]) else {
+            let (Some(pose), Some(point)) = (&estimate.poses[seen.frame], &estimate.points[seen.point])
+            else {
                 return Vector3::zeros();
             };
             let centre = pose.inverse_transform_point(&self.camera(seen.frame).translation.vector.into());
@@ -376,7 +375,8 @@ impl Scene<'_> {
         }
         for (point, ray) in &open {
             let motion = body.depth(all.len(), *point, ray, &loose);
-            of_body.push(Candidate { kind: Kind::PointDepth { vehicle: Some(vehicle), point: *point }, motion });
+            of_body
+                .push(Candidate { kind: Kind::PointDepth { vehicle: Some(vehicle), point: *point }, motion });
         }
         if number > 0 {
             self.add_body_frame(vehicle, estimate, &places, &mut of_body);
@@ -421,7 +421,9 @@ impl Scene<'_> {
         // So that the body moves by a metre.
         let share = f64::max(number, 1.0) / f64::max(sum, 1e-3);
         rays.iter().for_each(|(start, ray)| write(&mut motion, *start, (ray * share).as_slice()));
-        places.iter().for_each(|(start, point)| write(&mut motion, *start, (point.coords * share).as_slice()));
+        places
+            .iter()
+            .for_each(|(start, point)| write(&mut motion, *start, (point.coords * share).as_slice()));
         Candidate { kind: Kind::Scale { vehicle }, motion }
     }
 

@@ -25,7 +25,6 @@ mod span;
 pub use names::describe;
 
 use crate::estimate::Estimate;
-use crate::nlls::linear::dense::Spectrum;
 use crate::problem::Problem;
 use candidates::{Candidate, Candidates, candidates};
 use nalgebra::{DMatrix, DVector};
@@ -75,8 +74,10 @@ pub struct Direction {
     pub class: Class,
     /// What rows see of it, as a share of what they see of what they see best.
     pub singular_ratio: f64,
-    /// What holds it in the adjustment nevertheless.
+    /// What holds it in the adjustment nevertheless: `motion` where motion is smoothed.
     pub held_by: Option<&'static str>,
+    /// Numbers of the frames that it is about; none where it is about all of them.
+    pub frames: Vec<i64>,
 }
 
 /// How open a direction is.
@@ -171,11 +172,10 @@ pub fn observability(problem: &Problem, estimate: &Estimate) -> Observability {
     let found = dense.unwrap_or_else(|| work.by_theory(&candidates));
     let mut directions = found.directions;
     directions.sort_by(|a, b| (a.class == Class::Weak, &a.kind).cmp(&(b.class == Class::Weak, &b.kind)));
-    let defect = directions.iter().filter(|direction| direction.class == Class::Null).count();
     Observability {
         unknowns,
-        rank: unknowns.saturating_sub(defect),
-        defect,
+        rank: unknowns.saturating_sub(found.defect),
+        defect: found.defect,
         // Fewer rows than unknowns leave something open wherever they are.
         expected_defect: found.expected.max(unknowns.saturating_sub(rows.measured)),
         largest_singular: found.largest,
@@ -186,6 +186,7 @@ pub fn observability(problem: &Problem, estimate: &Estimate) -> Observability {
 
 struct Found {
     directions: Vec<Direction>,
+    defect: usize,
     expected: usize,
     largest: f64,
     is_dense: bool,
@@ -213,8 +214,7 @@ impl Work<'_> {
                 }
             }
         }
-        let largest = Spectrum::of(&jacobian).ok()??.values.first().copied().unwrap_or(0.0);
-        let shares = Shares::of(&jacobian, largest)?;
+        let (shares, largest) = Shares::of_its_largest(&jacobian)?;
         let together: Vec<Candidate> =
             candidates.of_bodies.iter().chain(&candidates.of_frames).flatten().cloned().collect();
         let span = Span::new(&together, self.norms);
@@ -233,11 +233,9 @@ impl Work<'_> {
             let ratio = self.ratio(&direction, largest);
             directions.push(self.direction(kind, Class::Null, ratio));
         }
-        for (value, vector) in
-            shares.values.iter().filter(|v| (NULL_RATIO..WEAK_RATIO).contains(*v)).zip(
-                spread(shares.within(NULL_RATIO..WEAK_RATIO)).column_iter(),
-            )
-        {
+        let weak = NULL_RATIO..WEAK_RATIO;
+        let ratios = shares.values.iter().filter(|value| weak.contains(*value));
+        for (ratio, vector) in ratios.zip(spread(shares.within(weak.clone())).column_iter()) {
             let vector = vector.clone_owned();
             let along = span.along(&vector);
             let mut kind = None;
@@ -246,9 +244,9 @@ impl Work<'_> {
                 kind = named.into_iter().next().map(|named| named.kind);
             }
             let kind = kind.unwrap_or_else(|| names::by_weight(self.all, &vector));
-            directions.push(self.direction(kind, Class::Weak, *value));
+            directions.push(self.direction(kind, Class::Weak, *ratio));
         }
-        Some(Found { directions, expected, largest, is_dense: true })
+        Some(Found { directions, defect: null.ncols(), expected, largest, is_dense: true })
     }
 
     /// By theory alone, confirmed.
@@ -261,11 +259,12 @@ impl Work<'_> {
         } else {
             candidates.of_bodies.iter().chain(&candidates.of_frames).cloned().collect()
         };
-        let mut found = Found { directions: Vec::new(), expected: 0, largest, is_dense: false };
+        let mut found = Found { directions: Vec::new(), defect: 0, expected: 0, largest, is_dense: false };
         for group in &groups {
             let span = Span::new(group, self.norms);
             let Some((expected, directions, _)) = self.null_in(&span, largest, false) else { continue };
             found.expected += expected;
+            found.defect += directions.len();
             found.directions.extend(directions);
             let range = NULL_RATIO..WEAK_RATIO;
             let all = span.restricted(self.rows, 0..self.rows.len(), self.norms);
@@ -315,7 +314,12 @@ impl Work<'_> {
     fn direction(&self, kind: Kind, class: Class, singular_ratio: f64) -> Direction {
         let name = names::name(self.problem, &kind);
         let held_by = names::held_by(self.problem, &kind);
-        Direction { name, kind, class, singular_ratio, held_by }
+        let frames = match &kind {
+            Kind::CameraPose { frames, .. } | Kind::VehiclePose { frames, .. } => frames.as_slice(),
+            _ => &[],
+        };
+        let frames = frames.iter().map(|frame| self.problem.frames[*frame].number).collect();
+        Direction { name, kind, class, singular_ratio, held_by, frames }
     }
 
     /// What measurements see of a scaled perturbation.

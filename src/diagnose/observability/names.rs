@@ -1,7 +1,7 @@
 //! Names of directions, and a report of all of them for people.
 
 use super::rows::{Coordinates, Owner};
-use super::{Class, Freedom, Kind, Observability, Part};
+use super::{Class, Direction, Freedom, Kind, Observability, Part};
 use crate::problem::Problem;
 use crate::refine::scale_gap;
 use nalgebra::DVector;
@@ -39,11 +39,7 @@ pub fn name(problem: &Problem, kind: &Kind) -> String {
         Kind::PointDepth { vehicle: Some(vehicle), point } => {
             format!("depth of point {} of {}", problem.vehicles[*vehicle].points[*point].id, id(*vehicle))
         }
-        Kind::CameraPose { frames: of, part } => match part {
-            Part::Position(axis) => format!("position of {}, along {}", frames(problem, of), AXES[*axis]),
-            Part::Attitude(axis) => format!("attitude of {}, about {}", frames(problem, of), AXES[*axis]),
-            Part::Pose => format!("pose of the camera in {}", frames(problem, of)),
-        },
+        Kind::CameraPose { frames: of, part } => camera(*part, &frames(problem, of)),
         Kind::VehiclePose { vehicle, frames: of } => {
             format!("pose of {} in {}", id(*vehicle), frames(problem, of))
         }
@@ -51,13 +47,19 @@ pub fn name(problem: &Problem, kind: &Kind) -> String {
     }
 }
 
+fn camera(part: Part, frames: &str) -> String {
+    match part {
+        Part::Position(axis) => format!("position of {frames}, along {}", AXES[axis]),
+        Part::Attitude(axis) => format!("attitude of {frames}, about {}", AXES[axis]),
+        Part::Pose => format!("pose of {frames}"),
+    }
+}
+
 /// What holds a direction in the adjustment, where measurements and knowledge do not.
 pub fn held_by(problem: &Problem, kind: &Kind) -> Option<&'static str> {
     let any_camera = problem.camera_poses.iter().any(Option::is_some);
     match kind {
-        Kind::Scale { vehicle } => {
-            scale_gap(problem, &problem.vehicles[*vehicle]).map(|_| "starting poses")
-        }
+        Kind::Scale { vehicle } => scale_gap(problem, &problem.vehicles[*vehicle]).map(|_| "starting poses"),
         Kind::BodyFrame { vehicle, .. } => match problem.vehicles[*vehicle].has_no_poses() {
             true => Some("a convention"),
             false => Some("starting poses"),
@@ -75,22 +77,27 @@ pub fn held_by(problem: &Problem, kind: &Kind) -> Option<&'static str> {
     }
 }
 
-/// `frame 7`, `frames 80-96, 99`.
 fn frames(problem: &Problem, indices: &[usize]) -> String {
-    let mut runs: Vec<(usize, usize)> = Vec::new();
-    for &index in indices {
+    runs(indices.iter().map(|index| (*index, problem.frames[*index].number)))
+}
+
+/// `frame 7`, `frames 80-96, 99`, of indices and numbers.
+fn runs(frames: impl Iterator<Item = (usize, i64)>) -> String {
+    let mut runs: Vec<(usize, i64, i64)> = Vec::new();
+    let mut count = 0;
+    for (index, number) in frames {
+        count += 1;
         match runs.last_mut() {
-            Some((_, last)) if *last + 1 == index => *last = index,
-            _ => runs.push((index, index)),
+            Some((end, _, last)) if *end + 1 == index => (*end, *last) = (index, number),
+            _ => runs.push((index, number, number)),
         }
     }
-    let number = |index: usize| problem.frames[index].number;
-    let run = |(first, last): (usize, usize)| match first == last {
-        true => number(first).to_string(),
-        false => format!("{}-{}", number(first), number(last)),
+    let run = |(_, first, last): (usize, i64, i64)| match first == last {
+        true => first.to_string(),
+        false => format!("{first}-{last}"),
     };
     let text: Vec<String> = runs.into_iter().map(run).collect();
-    format!("{} {}", if indices.len() == 1 { "frame" } else { "frames" }, text.join(", "))
+    format!("{} {}", if count == 1 { "frame" } else { "frames" }, text.join(", "))
 }
 
 /// What a scaled perturbation that is in no theory moves most.
@@ -151,9 +158,19 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
     }
 }
 
-/// A report in short lines. Directions that differ by their frames or axes only share a line.
+/// Directions that share a line of a report.
+struct Line<'a> {
+    of: &'a Direction,
+    /// Indices and numbers of all their frames.
+    frames: Vec<(usize, i64)>,
+    /// What they differ by else.
+    parts: Vec<&'a str>,
+    number: usize,
+    ratio: f64,
+}
+
+/// A report in short lines. Directions that differ only by their frames, axes or points share one.
 pub fn describe(found: &Observability) -> String {
-    let mut text = String::new();
     let way = match found.is_dense {
         true => "all singular values",
         false => "theory, confirmed; too many unknowns for all singular values",
@@ -163,40 +180,74 @@ pub fn describe(found: &Observability) -> String {
         true => "as expected".to_owned(),
         false => format!("expected {expected_defect}"),
     };
-    // Writing to a text does not fail.
-    let _ = writeln!(text, "unknowns {unknowns}, rank {rank}, defect {defect} ({theory}; by {way})");
-    let mut lines: Vec<(Class, String, usize, f64, Option<&str>)> = Vec::new();
+    let mut text = format!("unknowns {unknowns}, rank {rank}, defect {defect} ({theory}; by {way})\n");
+    let mut lines: Vec<Line<'_>> = Vec::new();
     for direction in &found.directions {
-        let (class, name) = (direction.class, headline(direction));
-        let same = lines.iter_mut().find(|line| line.0 == class && line.1 == name);
-        match same {
-            Some(line) => {
-                line.2 += 1;
-                line.3 = line.3.max(direction.singular_ratio);
-            }
-            None => lines.push((class, name, 1, direction.singular_ratio, direction.held_by)),
+        let at = lines.iter().position(|line| share_a_line(line.of, direction));
+        let at = at.unwrap_or_else(|| {
+            let (frames, parts) = (Vec::new(), Vec::new());
+            lines.push(Line { of: direction, frames, parts, number: 0, ratio: 0.0 });
+            lines.len() - 1
+        });
+        let line = &mut lines[at];
+        line.number += 1;
+        line.ratio = line.ratio.max(direction.singular_ratio);
+        if let Kind::CameraPose { frames, .. } | Kind::VehiclePose { frames, .. } = &direction.kind {
+            line.frames.extend(frames.iter().copied().zip(direction.frames.iter().copied()));
         }
+        line.parts.extend(direction.name.split_once(", ").map(|(_, part)| part));
     }
-    for (class, name, number, ratio, held_by) in lines {
-        let class = match class {
+    for mut line in lines {
+        line.frames.sort_unstable();
+        line.frames.dedup();
+        let class = match line.of.class {
             Class::Null => "null".to_owned(),
-            Class::Weak => format!("weak ({ratio:.0e})"),
+            Class::Weak => format!("weak, {:.0e}", line.ratio),
         };
-        let number = if number > 1 { format!(" ({number} directions)") } else { String::new() };
-        let held = held_by.map_or(String::new(), |by| format!("; held by {by}"));
-        let _ = writeln!(text, "{class}: {name}{number}{held}");
+        let name = line.name();
+        let held = line.of.held_by.map_or(String::new(), |by| format!("; held by {by}"));
+        // Writing to a text does not fail.
+        let _ = writeln!(text, "{class}: {name}{held}");
     }
     text
 }
 
-/// The name of a direction, less what many of its kind differ by.
-fn headline(direction: &super::Direction) -> String {
-    match &direction.kind {
-        Kind::CameraPose { .. } => "camera poses of frames that nothing static holds".to_owned(),
-        Kind::PointDepth { vehicle: None, .. } => "depths of static points".to_owned(),
-        Kind::BodyFrame { .. } | Kind::World { .. } => {
-            direction.name.split(',').next().unwrap_or_default().to_owned()
+fn share_a_line(a: &Direction, b: &Direction) -> bool {
+    let same = match (&a.kind, &b.kind) {
+        (Kind::CameraPose { part: a, .. }, Kind::CameraPose { part: b, .. }) => a == b,
+        (Kind::VehiclePose { vehicle: a, .. }, Kind::VehiclePose { vehicle: b, .. })
+        | (Kind::BodyFrame { vehicle: a, .. }, Kind::BodyFrame { vehicle: b, .. }) => a == b,
+        (Kind::PointDepth { vehicle: a, .. }, Kind::PointDepth { vehicle: b, .. }) => a == b,
+        (Kind::World { .. }, Kind::World { .. }) | (Kind::Other, Kind::Other) => true,
+        _ => false,
+    };
+    same && (a.class, a.held_by) == (b.class, b.held_by)
+}
+
+impl Line<'_> {
+    fn name(&self) -> String {
+        let name = self.of.name.as_str();
+        let number = self.number;
+        match &self.of.kind {
+            _ if number == 1 => name.to_owned(),
+            Kind::CameraPose { part, .. } => camera(*part, &runs(self.frames.iter().copied())),
+            Kind::VehiclePose { .. } => {
+                let body = name.split(" in frame").next().unwrap_or_default();
+                format!("{body} in {} ({number} directions)", runs(self.frames.iter().copied()))
+            }
+            Kind::BodyFrame { .. } | Kind::World { .. } => {
+                let whole = name.split(", ").next().unwrap_or_default();
+                match number {
+                    6 => format!("{whole}, all six"),
+                    _ => format!("{whole}, {}", self.parts.join(", ")),
+                }
+            }
+            Kind::PointDepth { vehicle: None, .. } => format!("depths of {number} targets"),
+            Kind::PointDepth { .. } => {
+                let body = name.rsplit(" of ").next().unwrap_or_default();
+                format!("depths of {number} points of {body}")
+            }
+            _ => format!("{name} ({number} directions)"),
         }
-        _ => direction.name.clone(),
     }
 }

@@ -236,10 +236,8 @@ impl Rows {
                 continue;
             };
             let residual = TargetImagePoint { camera: camera.clone(), observed_px: seen.image_px };
-            let blocks = [
-                (all.cameras[seen.frame], cameras[seen.frame].as_slice()),
-                (at, place.coords.as_slice()),
-            ];
+            let blocks =
+                [(all.cameras[seen.frame], cameras[seen.frame].as_slice()), (at, place.coords.as_slice())];
             let row = self.add(&residual, blocks, [Some(seen.sigma_px); 2]);
             self.of_targets.extend(row.map(|row| Sighting { frame: seen.frame, point: seen.target, row }));
         }

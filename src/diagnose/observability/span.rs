@@ -144,6 +144,16 @@ pub struct Shares {
 }
 
 impl Shares {
+    /// As shares of the largest of them, which is returned with them.
+    pub fn of_its_largest(rows: &DMatrix<f64>) -> Option<(Shares, f64)> {
+        let mut shares = Shares::of(rows, 1.0)?;
+        let largest = shares.values.first().copied().unwrap_or(0.0);
+        if largest > 0.0 {
+            shares.values.iter_mut().for_each(|value| *value /= largest);
+        }
+        Some((shares, largest))
+    }
+
     /// `None` where a number is none.
     pub fn of(rows: &DMatrix<f64>, largest: f64) -> Option<Shares> {
         let Spectrum { values, vectors } = Spectrum::of(rows).ok()??;
@@ -153,7 +163,8 @@ impl Shares {
 
     /// Combinations whose share lies in a range.
     pub fn within(&self, range: Range<f64>) -> DMatrix<f64> {
-        let chosen: Vec<usize> = (0..self.values.len()).filter(|i| range.contains(&self.values[*i])).collect();
+        let chosen: Vec<usize> =
+            (0..self.values.len()).filter(|i| range.contains(&self.values[*i])).collect();
         self.vectors.select_columns(&chosen)
     }
 }
