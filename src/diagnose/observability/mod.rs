@@ -162,13 +162,18 @@ pub enum Kind {
 
 /// What is open of a problem at an estimate.
 pub fn observability(problem: &Problem, estimate: &Estimate) -> Observability {
+    observability_within(problem, estimate, MOST_DENSE)
+}
+
+/// [`observability`], singular values being computed up to so many unknowns.
+pub fn observability_within(problem: &Problem, estimate: &Estimate, most_dense: usize) -> Observability {
     let all = Coordinates::new(problem, estimate);
     let rows = Rows::new(problem, estimate, &all);
     let norms = rows.column_norms(all.len());
     let candidates = candidates(problem, estimate, &all, &rows);
     let unknowns = all.unknowns();
     let work = Work { problem, all: &all, rows: &rows, norms: &norms };
-    let dense = if unknowns <= MOST_DENSE { work.dense(&candidates) } else { None };
+    let dense = if unknowns <= most_dense { work.dense(&candidates) } else { None };
     let found = dense.unwrap_or_else(|| work.by_theory(&candidates));
     let mut directions = found.directions;
     directions.sort_by(|a, b| (a.class == Class::Weak, &a.kind).cmp(&(b.class == Class::Weak, &b.kind)));
@@ -190,6 +195,20 @@ struct Found {
     expected: usize,
     largest: f64,
     is_dense: bool,
+}
+
+/// What is open within a span.
+struct InSpan {
+    /// How many directions knowledge alone leaves open.
+    expected: usize,
+    /// Those that all rows leave open.
+    directions: Vec<Direction>,
+    /// Their combinations.
+    null: DMatrix<f64>,
+    /// The rows restricted to the span.
+    rows: DMatrix<f64>,
+    /// Their singular values.
+    shares: Shares,
 }
 
 /// What both ways need.
@@ -218,7 +237,12 @@ impl Work<'_> {
         let together: Vec<Candidate> =
             candidates.of_bodies.iter().chain(&candidates.of_frames).flatten().cloned().collect();
         let span = Span::new(&together, self.norms);
-        let (expected, mut directions, confirmed) = self.null_in(&span, largest, true)?;
+        let every: Vec<usize> = (0..self.rows.len()).collect();
+        let InSpan { expected, mut directions, null: in_span, .. } = self.in_span(&span, &every, largest)?;
+        let mut confirmed = DMatrix::zeros(self.all.len(), in_span.ncols());
+        for (mut into, along) in confirmed.column_iter_mut().zip(in_span.column_iter()) {
+            into.copy_from(&span.perturbation(&along.clone_owned()));
+        }
         let spread = |vectors: DMatrix<f64>| {
             let mut spread = DMatrix::zeros(self.all.len(), vectors.ncols());
             free.iter().enumerate().for_each(|(at, to)| spread.row_mut(*to).copy_from(&vectors.row(at)));
@@ -235,16 +259,23 @@ impl Work<'_> {
         }
         let weak = NULL_RATIO..WEAK_RATIO;
         let ratios = shares.values.iter().filter(|value| weak.contains(*value));
+        let mut elsewhere = Vec::new();
         for (ratio, vector) in ratios.zip(spread(shares.within(weak.clone())).column_iter()) {
             let vector = vector.clone_owned();
             let along = span.along(&vector);
-            let mut kind = None;
-            if along.norm_squared() > SHARE_IN_SPAN {
-                let named = span.names(&DMatrix::from_columns(&[along]));
-                kind = named.into_iter().next().map(|named| named.kind);
+            let is_inside = along.norm_squared() > SHARE_IN_SPAN;
+            let named = if is_inside { span.names(&DMatrix::from_columns(&[along])).pop() } else { None };
+            match named {
+                Some(named) => directions.push(self.direction(named.kind, Class::Weak, *ratio)),
+                None => elsewhere.push(vector),
             }
-            let kind = kind.unwrap_or_else(|| names::by_weight(self.all, &vector));
-            directions.push(self.direction(kind, Class::Weak, *ratio));
+        }
+        if !elsewhere.is_empty() {
+            for direction in localised(&DMatrix::from_columns(&elsewhere), elsewhere.len()) {
+                let kind = names::by_weight(self.all, &direction);
+                let ratio = self.ratio(&direction, largest);
+                directions.push(self.direction(kind, Class::Weak, ratio));
+            }
         }
         Some(Found { directions, defect: null.ncols(), expected, largest, is_dense: true })
     }
@@ -260,55 +291,40 @@ impl Work<'_> {
             candidates.of_bodies.iter().chain(&candidates.of_frames).cloned().collect()
         };
         let mut found = Found { directions: Vec::new(), defect: 0, expected: 0, largest, is_dense: false };
+        let of_coordinates = self.rows.of_coordinates(self.all.len());
         for group in &groups {
             let span = Span::new(group, self.norms);
-            let Some((expected, directions, _)) = self.null_in(&span, largest, false) else { continue };
+            let seen_by = span.seen_by(&of_coordinates);
+            let Some(InSpan { expected, directions, rows, shares, .. }) =
+                self.in_span(&span, &seen_by, largest)
+            else {
+                continue;
+            };
             found.expected += expected;
             found.defect += directions.len();
             found.directions.extend(directions);
-            let range = NULL_RATIO..WEAK_RATIO;
-            let all = span.restricted(self.rows, 0..self.rows.len(), self.norms);
-            let Some(shares) = Shares::of(&all, largest) else { continue };
-            for named in span.names(&shares.within(range)) {
-                let ratio = (&all * &named.along).norm() / largest;
+            for named in span.names(&shares.within(NULL_RATIO..WEAK_RATIO)) {
+                let ratio = (&rows * &named.along).norm() / largest;
                 found.directions.push(self.direction(named.kind, Class::Weak, ratio));
             }
         }
         found
     }
 
-    /// In the span of candidates: how many directions knowledge leaves open, those that all rows leave open, and
-    /// their scaled perturbations.
-    fn null_in(
-        &self,
-        span: &Span,
-        largest: f64,
-        wants_perturbations: bool,
-    ) -> Option<(usize, Vec<Direction>, DMatrix<f64>)> {
-        let (images, all) = (self.rows.images, self.rows.len());
-        let known = span.restricted(self.rows, images..all, self.norms);
-        let of_images = span.restricted(self.rows, 0..images, self.norms);
-        let expected = Shares::of(&known, largest)?.within(-1.0..NULL_RATIO).ncols();
-        let mut both = known.resize_vertically(all, 0.0);
-        both.rows_mut(all - images, images).copy_from(&of_images);
-        let null = Shares::of(&both, largest)?.within(-1.0..NULL_RATIO);
-        let directions = span
-            .names(&null)
-            .into_iter()
-            .map(|named| {
-                let ratio = (&both * &named.along).norm() / largest.max(f64::MIN_POSITIVE);
-                self.direction(named.kind, Class::Null, ratio)
-            })
-            .collect();
-        let mut perturbations = DMatrix::zeros(self.all.len(), 0);
-        if wants_perturbations {
-            let columns: Vec<DVector<f64>> =
-                null.column_iter().map(|along| span.perturbation(&along.clone_owned())).collect();
-            if !columns.is_empty() {
-                perturbations = DMatrix::from_columns(&columns);
-            }
-        }
-        Some((expected, directions, perturbations))
+    /// What some rows, all that see anything of it, leave open of the span of candidates.
+    fn in_span(&self, span: &Span, some: &[usize], largest: f64) -> Option<InSpan> {
+        let images = some.partition_point(|row| *row < self.rows.images);
+        let rows = span.restricted(self.rows, some, self.norms);
+        let knowledge = rows.rows(images, some.len() - images).clone_owned();
+        let expected = Shares::of(&knowledge, largest)?.within(-1.0..NULL_RATIO).ncols();
+        let shares = Shares::of(&rows, largest)?;
+        let null = shares.within(-1.0..NULL_RATIO);
+        let direction = |named: span::Named| {
+            let ratio = (&rows * &named.along).norm() / largest.max(f64::MIN_POSITIVE);
+            self.direction(named.kind, Class::Null, ratio)
+        };
+        let directions = span.names(&null).into_iter().map(direction).collect();
+        Some(InSpan { expected, directions, null, rows, shares })
     }
 
     fn direction(&self, kind: Kind, class: Class, singular_ratio: f64) -> Direction {

@@ -7,7 +7,7 @@ use crate::refine::scale_gap;
 use nalgebra::DVector;
 use std::fmt::Write;
 
-/// Share of one point in a direction from which it is that point's.
+/// Share of one point in what a direction does to points from which it is that point's.
 const OF_ONE_POINT: f64 = 0.5;
 /// Frames with at least this share of the one that moves most are named.
 const OF_MOST: f64 = 0.1;
@@ -102,11 +102,10 @@ fn runs(frames: impl Iterator<Item = (usize, i64)>) -> String {
 
 /// What a scaled perturbation that is in no theory moves most.
 pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
-    let total = perturbation.norm_squared();
     let (of_frames, vehicles) = (all.cameras.len(), all.poses.len());
     let mut cameras = vec![[0.0; 2]; of_frames];
     let mut poses = vec![vec![0.0; of_frames]; vehicles];
-    let mut shapes = 0.0;
+    let (mut points, mut most, mut heaviest_point) = (0.0, 0.0, Kind::Other);
     for (owner, start, length) in &all.blocks {
         let square = |at: std::ops::Range<usize>| perturbation.rows(at.start, at.len()).norm_squared();
         let weight = square(*start..start + length);
@@ -115,13 +114,18 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
                 cameras[frame] = [square(*start..start + 3), square(start + 3..start + 6)];
             }
             Owner::Pose(vehicle, frame) => poses[vehicle][frame] = weight,
-            Owner::Point(vehicle, point) if weight > OF_ONE_POINT * total => {
-                return Kind::PointDepth { vehicle: Some(vehicle), point };
+            Owner::Point(..) | Owner::Target(_) => {
+                points += weight;
+                if weight > most {
+                    most = weight;
+                    heaviest_point = match *owner {
+                        Owner::Point(vehicle, point) => Kind::PointDepth { vehicle: Some(vehicle), point },
+                        Owner::Target(point) => Kind::PointDepth { vehicle: None, point },
+                        _ => Kind::Other,
+                    };
+                }
             }
-            Owner::Target(point) if weight > OF_ONE_POINT * total => {
-                return Kind::PointDepth { vehicle: None, point };
-            }
-            Owner::Point(..) | Owner::Target(_) | Owner::Bias => shapes += weight,
+            Owner::Bias => {}
         }
     }
     let most_moved = |weights: &[f64]| -> Vec<usize> {
@@ -133,8 +137,8 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
     let heaviest = (0..vehicles).max_by(|a, b| sum(&poses[*a]).total_cmp(&sum(&poses[*b])));
     let of_vehicle = heaviest.map_or(0.0, |vehicle| sum(&poses[vehicle]));
     let of_camera = sum(&of_cameras);
-    if shapes > of_camera.max(of_vehicle) {
-        return Kind::Other;
+    if points > of_camera.max(of_vehicle) {
+        return if most > OF_ONE_POINT * points { heaviest_point } else { Kind::Other };
     }
     match heaviest {
         Some(vehicle) if of_vehicle > of_camera => {

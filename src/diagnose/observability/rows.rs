@@ -174,16 +174,25 @@ impl Rows {
         squares.into_iter().map(|s: f64| if s > 0.0 { s.sqrt() } else { 1.0 }).collect()
     }
 
-    /// Rows of a range times the columns of a matrix whose rows are coordinates.
-    pub fn times(&self, range: std::ops::Range<usize>, x: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut product = DMatrix::zeros(range.len(), x.ncols());
+    /// Some rows times the columns of a matrix whose rows are coordinates.
+    pub fn times(&self, rows: &[usize], x: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut product = DMatrix::zeros(rows.len(), x.ncols());
         for column in 0..x.ncols() {
             let x = x.column(column);
-            for (into, row) in range.clone().enumerate() {
-                product[(into, column)] = self.row(row).iter().map(|(at, value)| value * x[*at]).sum();
+            for (into, row) in rows.iter().enumerate() {
+                product[(into, column)] = self.row(*row).iter().map(|(at, value)| value * x[*at]).sum();
             }
         }
         product
+    }
+
+    /// The rows that depend on each coordinate.
+    pub fn of_coordinates(&self, coordinates: usize) -> Vec<Vec<usize>> {
+        let mut rows = vec![Vec::new(); coordinates];
+        for row in 0..self.len() {
+            self.row(row).iter().for_each(|(at, _)| rows[*at].push(row));
+        }
+        rows
     }
 
     /// Adds the rows of a residual whose standard deviation is known, and returns the first; `None` where it

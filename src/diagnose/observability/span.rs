@@ -76,13 +76,23 @@ impl Span {
         self.kinds.len()
     }
 
-    /// Rows of a range restricted to the span.
-    pub fn restricted(&self, rows: &Rows, range: Range<usize>, norms: &[f64]) -> DMatrix<f64> {
+    /// Some rows restricted to the span.
+    pub fn restricted(&self, rows: &Rows, some: &[usize], norms: &[f64]) -> DMatrix<f64> {
         let mut scaled = self.basis.clone();
         for (mut row, norm) in scaled.row_iter_mut().zip(norms) {
             row /= *norm;
         }
-        rows.times(range, &scaled)
+        rows.times(some, &scaled)
+    }
+
+    /// Of lists of rows by coordinate, the rows that see anything of the span, in order.
+    pub fn seen_by(&self, of_coordinates: &[Vec<usize>]) -> Vec<usize> {
+        let moves = |at: &usize| self.basis.row(*at).iter().any(|x| *x != 0.0);
+        let mut rows: Vec<usize> =
+            (0..self.basis.nrows()).filter(moves).flat_map(|at| of_coordinates[at].iter().copied()).collect();
+        rows.sort_unstable();
+        rows.dedup();
+        rows
     }
 
     /// The scaled perturbation of a combination.
