@@ -14,8 +14,8 @@
 //!
 //! The null space of the image points is known by theory ([`candidates`]); knowledge restricts it, and what is
 //! left by counting is the expected defect. Singular values of the Jacobian itself (those of the normal matrix
-//! would drown) say what is open beyond it. Where there are more than [`MOST_DENSE`] unknowns theory alone is
-//! confirmed, candidate by candidate.
+//! would drown) say what is open beyond it. Where that takes too long (more than [`MOST_DENSE`]
+//! unknowns, or very many rows) theory alone is confirmed, candidate by candidate.
 
 mod candidates;
 mod names;
@@ -37,6 +37,8 @@ pub const NULL_RATIO: f64 = 1e-9;
 pub const WEAK_RATIO: f64 = 1e-3;
 /// With more unknowns than this singular values are not computed.
 pub const MOST_DENSE: usize = 1500;
+/// Nor where that would take more operations: rows times the square of the unknowns.
+const MOST_OPERATIONS: f64 = 2e10;
 /// With more candidates than this in a large problem each body, and each frame, is looked at by itself.
 const MOST_TOGETHER: usize = 400;
 /// Multiplications with the Jacobian by which its largest singular value is found.
@@ -173,7 +175,9 @@ pub fn observability_within(problem: &Problem, estimate: &Estimate, most_dense: 
     let candidates = candidates(problem, estimate, &all, &rows);
     let unknowns = all.unknowns();
     let work = Work { problem, all: &all, rows: &rows, norms: &norms };
-    let dense = if unknowns <= most_dense { work.dense(&candidates) } else { None };
+    let operations = rows.measured as f64 * (unknowns as f64).powi(2);
+    let is_small = unknowns <= most_dense && operations <= MOST_OPERATIONS;
+    let dense = if is_small { work.dense(&candidates) } else { None };
     let found = dense.unwrap_or_else(|| work.by_theory(&candidates));
     let mut directions = found.directions;
     directions.sort_by(|a, b| (a.class == Class::Weak, &a.kind).cmp(&(b.class == Class::Weak, &b.kind)));

@@ -255,3 +255,45 @@ impl Line<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_named_in_runs() {
+        let of = |frames: &[(usize, i64)]| runs(frames.iter().copied());
+        assert_eq!(of(&[(3, 7)]), "frame 7");
+        // Neighbours in the film, whatever their numbers.
+        assert_eq!(of(&[(0, 80), (1, 85), (2, 90), (4, 100)]), "frames 80-90, 100");
+        assert_eq!(camera(Part::Attitude(2), &of(&[(0, 1), (1, 2)])), "attitude of frames 1-2, about z");
+        assert_eq!(camera(Part::Pose, "frame 3"), "pose of frame 3");
+    }
+
+    #[test]
+    fn directions_that_differ_by_their_axes_share_a_line() {
+        let direction = |axis: usize, class: Class| Direction {
+            name: format!("body frame of car1, shift along {}", AXES[axis]),
+            kind: Kind::BodyFrame { vehicle: 0, freedom: Freedom::Shift, axis },
+            class,
+            singular_ratio: 2e-5,
+            held_by: None,
+            frames: Vec::new(),
+        };
+        let found = Observability {
+            unknowns: 9,
+            rank: 8,
+            defect: 1,
+            expected_defect: 2,
+            largest_singular: 1.0,
+            directions: vec![direction(1, Class::Null), direction(0, Class::Weak), direction(2, Class::Weak)],
+            is_dense: true,
+        };
+        assert_eq!(
+            describe(&found),
+            "unknowns 9, rank 8, defect 1 (expected 2; by all singular values)\n\
+             null: body frame of car1, shift along y\n\
+             weak, 2e-5: body frame of car1, shift along x, shift along z\n"
+        );
+    }
+}

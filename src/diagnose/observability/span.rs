@@ -198,3 +198,49 @@ pub fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
     }
     if out.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&out) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(kind: Kind, motion: [f64; 3]) -> Candidate {
+        Candidate { kind, motion: DVector::from_row_slice(&motion) }
+    }
+
+    fn shift(axis: usize) -> Kind {
+        Kind::BodyFrame { vehicle: 0, freedom: super::super::Freedom::Shift, axis }
+    }
+
+    #[test]
+    fn a_combination_of_others_is_no_candidate() {
+        let candidates = [
+            candidate(Kind::Scale { vehicle: 0 }, [1.0, 0.0, 0.0]),
+            candidate(shift(0), [1.0, 1.0, 0.0]),
+            candidate(shift(1), [0.0, -3.0, 0.0]),
+            candidate(shift(2), [0.0, 0.0, 1e-3]),
+        ];
+        let span = Span::new(&candidates, &[2.0, 1.0, 5.0]);
+        assert_eq!(span.kinds, [Kind::Scale { vehicle: 0 }, shift(0), shift(2)]);
+    }
+
+    /// A scale that goes with a shift twenty times as large is a scale; a shift of another axis is one by itself.
+    #[test]
+    fn a_combination_is_named_by_the_first_that_has_a_share() {
+        let candidates = [
+            candidate(Kind::Scale { vehicle: 0 }, [1.0, 0.0, 0.0]),
+            candidate(shift(0), [0.0, 1.0, 0.0]),
+            candidate(shift(1), [0.0, 0.0, 1.0]),
+        ];
+        let span = Span::new(&candidates, &[1.0; 3]);
+        let named = |columns: &[[f64; 3]]| -> Vec<Kind> {
+            let columns: Vec<DVector<f64>> = columns.iter().map(|c| DVector::from_row_slice(c)).collect();
+            span.names(&DMatrix::from_columns(&columns)).into_iter().map(|named| named.kind).collect()
+        };
+        assert_eq!(named(&[[1.0, 20.0, 0.0]]), [Kind::Scale { vehicle: 0 }]);
+        assert_eq!(named(&[[0.0, 1.0, 0.1]]), [shift(0)]);
+        assert_eq!(named(&[[0.0, 0.1, 1.0]]), [shift(1)]);
+        // Less than its share.
+        assert_eq!(named(&[[1.0, 100.0, 0.0]]), [shift(0)]);
+        assert_eq!(named(&[[0.0, 0.0, 1.0], [1.0, 20.0, 0.0]]), [Kind::Scale { vehicle: 0 }, shift(1)]);
+    }
+}
