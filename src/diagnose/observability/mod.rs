@@ -12,7 +12,7 @@
 //! weak                   1e-9 <= s_i / s_1 < 1e-3: it keeps its large, finite standard deviation
 //! ```
 //!
-//! The null space of the image points is known by theory ([`candidates`]); knowledge restricts it, and what is
+//! The null space of the image points is known by theory (`candidates.rs`); knowledge restricts it, and what is
 //! left by counting is the expected defect. Singular values of the Jacobian itself (those of the normal matrix
 //! would drown) say what is open beyond it. Where that takes too long (more than [`MOST_DENSE`]
 //! unknowns, or very many rows) theory alone is confirmed, candidate by candidate.
