@@ -6,6 +6,7 @@
 mod check_points;
 mod distribution;
 mod inner;
+pub mod observability;
 mod precision;
 mod scale;
 mod statistics;

@@ -18,7 +18,7 @@ mod reversal;
 use body_frame::body_frames;
 pub use body_frame::{BodyFrame, OPEN_M, point_motion, pose_motion};
 pub use datum::scale_gap;
-pub use model::{Model, Source};
+pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
 

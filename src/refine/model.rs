@@ -24,13 +24,13 @@ use nalgebra::{Point3, Rotation3};
 use std::sync::Arc;
 
 /// Least standard deviations of the contact with the ground \[m, rad\]: nothing stands exactly.
-const LEAST_CONTACT_SIGMA: (f64, f64) = (1e-4, 1e-5);
+pub const LEAST_CONTACT_SIGMA: (f64, f64) = (1e-4, 1e-5);
 /// Rows of a contact.
 const CONTACT_ROWS: usize = 3;
 /// How far around a pose there must be ground for it to be tied to it \[m\].
 const GROUND_AROUND_M: f64 = 1.0;
 /// Least standard deviation of a known height of a body \[m\].
-const LEAST_HEIGHT_SIGMA_M: f64 = 1e-4;
+pub const LEAST_HEIGHT_SIGMA_M: f64 = 1e-4;
 
 /// How far beyond the box of a body a point may stick out \[m\].
 const BODY_BOX_SIGMA_M: f64 = 0.1;

@@ -23,6 +23,7 @@
 
 pub mod chain;
 pub mod cholesky;
+pub mod dense;
 pub mod matrix;
 pub mod ordering;
 pub mod pose_chain;
