@@ -156,11 +156,24 @@ fn find_shape(
     estimate: &mut VehicleEstimate,
     method: Method,
 ) -> ShapeCounts {
-    let fits = shape(problem, camera_poses, vehicle, estimate, method);
+    let all = vec![true; vehicle.points.len()];
+    let fits = shape(problem, camera_poses, vehicle, estimate, method, &all);
     estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
     estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
     let count = |of: fn(&Fit) -> bool| fits.iter().flatten().filter(|fit| of(fit)).count();
     ShapeCounts { robust: count(|fit| fit.robust), without_depth: count(|fit| fit.has_no_depth) }
+}
+
+/// Those points of a vehicle that are wanted, from its poses and those of the cameras.
+pub fn shapes(
+    problem: &Problem,
+    camera_poses: &[Pose],
+    vehicle: &Vehicle,
+    estimate: &VehicleEstimate,
+    wanted: &[bool],
+) -> Vec<Option<Point3<f64>>> {
+    let fits = shape(problem, camera_poses, vehicle, estimate, Method::RobustWhereNeeded, wanted);
+    fits.into_iter().map(|fit| fit.map(|fit| fit.point)).collect()
 }
 
 /// `world_from_camera` of each frame, and how those were found that were not given.
@@ -207,6 +220,7 @@ fn shape(
     vehicle: &Vehicle,
     estimate: &VehicleEstimate,
     method: Method,
+    wanted: &[bool],
 ) -> Vec<Option<Fit>> {
     let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); vehicle.points.len()];
     for observation in &vehicle.observations {
@@ -224,7 +238,7 @@ fn shape(
         .into_par_iter()
         .map(|point| {
             let linear = LinearPoint::new(&sightings[point], &vehicle.points[point].known);
-            let plain = linear.solve().filter(|_| determinable[point])?;
+            let plain = linear.solve().filter(|_| determinable[point] && wanted[point])?;
             Some((linear, plain))
         })
         .collect();

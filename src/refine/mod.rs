@@ -9,12 +9,14 @@
 //! 3. **final**: all strengths fixed, to full accuracy.
 
 mod datum;
+mod gross_errors;
 mod model;
 mod motion;
 mod outcome;
 mod reversal;
 
 pub use datum::scale_gap;
+pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
 pub use outcome::{Adjustment, CheckPoint, Fits, OUTLIER_SIGMAS, ObservationFit, Round};
 
@@ -119,7 +121,11 @@ pub fn refine(
     }
     let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
     let chosen = options.loss.with_scale(scale, options.loss_shape);
-    let model = Model::new(problem, start, start, options);
+    let excluded = match options.loss {
+        LossName::None => Excluded::nothing(problem),
+        _ => Excluded::suspected(problem, start),
+    };
+    let model = Model::new(problem, start, start, options, &excluded);
     let mut run = Run {
         problem,
         progress,
@@ -128,6 +134,7 @@ pub fn refine(
         minimiser: Minimiser::new(&model.system)?,
         values: model.system.start().clone(),
         model,
+        excluded,
         left: options.max_iterations,
         rounds: Vec::new(),
     };
@@ -140,6 +147,7 @@ pub fn refine(
         if !minimum.stop.converged() || minimum.records.len() > LONG_WAY {
             run.approach_anew(approach, minimum.cost.value)?;
         }
+        run.judge(approach)?;
     }
     let spread = run.model.spread(&run.values);
     let chosen = match options.loss_scale {
@@ -157,11 +165,14 @@ pub fn refine(
             run.round("variance components", FOLLOWED, ROUND_ITERATIONS);
         }
     }
+    run.judge(chosen)?;
     run.reselect_highest_points(chosen)?;
     let mut minimum = run.round("final", ENDED, BEFORE_REVERSAL);
     let now = run.model.estimate(problem, start, &run.values);
     let strengths = run.model.motion.strengths(&run.model.system);
-    if let Some(better) = reversal::better_reversed(problem, start, &now, options, &strengths, chosen)? {
+    if let Some(better) =
+        reversal::better_reversed(problem, start, &now, options, &strengths, chosen, &run.excluded)?
+    {
         run.go_on_from(&better, chosen)?;
         minimum = run.round("final, at the other depth", ENDED, usize::MAX);
     } else if !minimum.stop.converged() {
@@ -178,7 +189,9 @@ pub fn refine(
         // Of all rounds together.
         *limit = options.max_iterations;
     }
-    let end = outcome::End { model: &run.model, minimum, rounds: run.rounds, spread, image_loss: chosen };
+    let excluded = run.excluded;
+    let end =
+        outcome::End { model: &run.model, minimum, rounds: run.rounds, spread, image_loss: chosen, excluded };
     let mut adjustment = outcome::summarise(problem, start, &estimate, end);
     if adjustment.rms_px[0].is_none() {
         return Err(NoSolution(
@@ -213,6 +226,8 @@ struct Run<'a> {
     options: &'a RefineOptions,
     progress: Option<ProgressSink>,
     model: Model,
+    /// What the model leaves out.
+    excluded: Excluded,
     minimiser: Minimiser,
     values: Values,
     /// Iterations left.
@@ -250,6 +265,21 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Judges whole tracks and frames by what is known of the poses now; what fits comes back.
+    fn judge(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
+        if self.options.loss == LossName::None {
+            return Ok(());
+        }
+        let now = self.model.estimate(self.problem, self.start, &self.values);
+        let now = self.excluded.with_points_anew(self.problem, &now);
+        let judged = Excluded::judged(self.problem, &now, self.model.spread(&self.values));
+        if judged != self.excluded {
+            self.excluded = judged;
+            self.go_on_from(&now, image_loss)?;
+        }
+        Ok(())
+    }
+
     /// The known height of a body belongs to its highest point, which may be another one by now.
     fn reselect_highest_points(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
         let now = self.model.estimate(self.problem, self.start, &self.values);
@@ -265,7 +295,7 @@ impl Run<'_> {
         now: &Estimate,
         image_loss: Loss,
     ) -> Result<(Minimiser, Model, Values), TooLarge> {
-        let mut model = Model::new(self.problem, self.start, now, self.options);
+        let mut model = Model::new(self.problem, self.start, now, self.options, &self.excluded);
         model.set_image_loss(image_loss);
         model.copy_motion(&self.model);
         let values = model.system.start().clone();

@@ -3,6 +3,7 @@
 use super::NoSolution;
 use super::RefineOptions;
 use super::datum::{self, Treatment};
+use super::gross_errors::Excluded;
 use super::motion::{Body, Motion, MotionPrior, MotionPriors};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
@@ -77,8 +78,15 @@ struct VehicleBlocks {
 }
 
 impl Model {
-    /// The system of `problem`, with values from `current` and starting poses from `start`.
-    pub fn new(problem: &Problem, start: &Estimate, current: &Estimate, options: &RefineOptions) -> Model {
+    /// The system of `problem` without the image points that are left out, with values from `current` and
+    /// starting poses from `start`.
+    pub fn new(
+        problem: &Problem,
+        start: &Estimate,
+        current: &Estimate,
+        options: &RefineOptions,
+        excluded: &Excluded,
+    ) -> Model {
         let mut warnings = Vec::new();
         let (cameras, warning) = datum::of_cameras(problem);
         warnings.extend(warning);
@@ -100,7 +108,7 @@ impl Model {
             let points = vehicle.points.iter().flatten().copied().collect();
             builder.add_rigid_body(points, vehicle.poses.iter().flatten().copied().collect());
         }
-        let images = add_images(&mut builder, problem, &blocks);
+        let images = add_images(&mut builder, problem, &blocks, excluded);
         let highest_points = highest_points(problem, current);
         let mut groups = add_knowledge(&mut builder, problem, &blocks, &highest_points);
         let starting = Starting { start, cameras: &cameras, vehicles: &vehicles };
@@ -316,11 +324,18 @@ fn add_point(
     Some(builder.add_block(Manifold::POINT, point.coords.as_slice(), &free))
 }
 
-fn add_images(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks) -> [GroupId; 2] {
+fn add_images(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    blocks: &Blocks,
+    excluded: &Excluded,
+) -> [GroupId; 2] {
     let camera = Arc::new(problem.camera.clone());
     let mut of_vehicles = Vec::new();
-    for (vehicle, vehicle_blocks) in problem.vehicles.iter().zip(&blocks.vehicles) {
-        for observation in &vehicle.observations {
+    for (at, (vehicle, vehicle_blocks)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
+        let left_in =
+            vehicle.observations.iter().zip(&excluded.vehicles[at]).filter(|(_, out)| out.is_none());
+        for (observation, _) in left_in {
             let pose = vehicle_blocks.poses[observation.frame];
             let (Some(pose), Some(point)) = (pose, vehicle_blocks.points[observation.point]) else {
                 continue;
@@ -333,7 +348,8 @@ fn add_images(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks) -
         }
     }
     let mut of_targets = Vec::new();
-    for observation in &problem.target_observations {
+    let left_in = problem.target_observations.iter().zip(&excluded.targets).filter(|(_, out)| out.is_none());
+    for (observation, _) in left_in {
         let Some(target) = blocks.targets[observation.target] else { continue };
         of_targets.push(Measurement {
             residual: TargetImagePoint { camera: camera.clone(), observed_px: observation.image_px },

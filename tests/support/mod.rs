@@ -2,6 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 pub mod drive;
+pub mod gross;
 pub mod score;
 
 use std::path::{Path, PathBuf};

@@ -1,0 +1,138 @@
+//! Gross errors.
+
+mod support;
+
+use std::collections::BTreeSet;
+use support::drive::{Drive, Truth};
+use support::gross::{Contamination, Gross, contaminate};
+use trackbundle::estimate::Estimate;
+use trackbundle::files::read_problem;
+use trackbundle::initialise::{Method, initialise};
+use trackbundle::problem::Problem;
+use trackbundle::refine::{Adjustment, RefineOptions, refine};
+
+struct Run {
+    problem: Problem,
+    truth: Truth,
+    gross: Gross,
+    estimate: Estimate,
+    adjustment: Adjustment,
+}
+
+fn run(drive: &Drive, what: &Contamination, raw: bool) -> Run {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = drive.write(folder.path());
+    let gross = contaminate(folder.path(), &truth, what, drive.seed);
+    if raw {
+        for name in ["camera_poses.csv", "vehicle_poses.csv"] {
+            std::fs::remove_file(folder.path().join(name)).unwrap();
+        }
+    }
+    let problem = read_problem(folder.path()).unwrap_or_else(|f| panic!("{f}")).problem.unwrap();
+    let start = initialise(&problem, Method::RobustWhereNeeded).unwrap();
+    let watch = std::time::Instant::now();
+    let (estimate, adjustment) = refine(&problem, &start.estimate, &RefineOptions::default(), None).unwrap();
+    if std::env::var("ROUNDS").is_ok() {
+        println!("{:.2} s, spread {:.2}", watch.elapsed().as_secs_f64(), adjustment.spread);
+        for r in &adjustment.rounds {
+            println!("  {} {} {:?}", r.name, r.records.len() - 1, r.stop);
+        }
+    }
+    Run { problem, truth, gross, estimate, adjustment }
+}
+
+impl Run {
+    /// Root mean square distance in the plane of the first vehicle's mark from its true track \[m\].
+    fn track_rms_m(&self) -> f64 {
+        let track = self.estimate.vehicles[0].track(&self.problem, &self.problem.vehicles[0]);
+        let mark = self.truth.mark(0);
+        assert_eq!(track.len(), mark.len());
+        let squares: f64 = track.iter().zip(&mark).map(|(a, b)| (a.position - b).xy().norm_squared()).sum();
+        (squares / mark.len() as f64).sqrt()
+    }
+
+    /// Hits, false alarms and misses of the rejected image points.
+    fn counts(&self) -> [usize; 3] {
+        let mut counts = [0; 3];
+        let mut count = |is_rejected: bool, is_gross: bool| match (is_rejected, is_gross) {
+            (true, true) => counts[0] += 1,
+            (true, false) => counts[1] += 1,
+            (false, true) => counts[2] += 1,
+            (false, false) => {}
+        };
+        for (vehicle, fits) in self.problem.vehicles.iter().zip(&self.adjustment.fits.vehicles) {
+            for (o, fit) in vehicle.observations.iter().zip(fits) {
+                let key = (
+                    self.problem.frames[o.frame].number,
+                    vehicle.id.clone(),
+                    vehicle.points[o.point].id.clone(),
+                );
+                count(fit.is_none_or(|fit| fit.is_outlier), self.gross.of_vehicles.contains(&key));
+            }
+        }
+        for (o, fit) in self.problem.target_observations.iter().zip(&self.adjustment.fits.targets) {
+            let key = (self.problem.frames[o.frame].number, self.problem.targets[o.target].id.clone());
+            count(fit.is_none_or(|fit| fit.is_outlier), self.gross.of_targets.contains(&key));
+        }
+        counts
+    }
+}
+
+fn f1([hits, false_alarms, misses]: [usize; 3]) -> f64 {
+    2.0 * hits as f64 / (2 * hits + false_alarms + misses) as f64
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+#[test]
+#[ignore = "80 adjustments"]
+fn study() {
+    let raw = std::env::var("RAW").is_ok();
+    let verbose = std::env::var("VERBOSE").is_ok();
+    let seeds: u64 = std::env::var("SEEDS").map_or(20, |s| s.parse().unwrap());
+    let only: Option<u64> = std::env::var("SEED").ok().map(|s| s.parse().unwrap());
+    let seeds: Vec<u64> = only.map_or((1..=seeds).collect(), |s| vec![s]);
+    let mut clean = Vec::new();
+    for share in [0.0, 0.2, 0.4, 0.6, 0.3] {
+        let what = if share == 0.3 {
+            Contamination { ground_tracks: 0.3, spares_mark: true, ..Default::default() }
+        } else {
+            Contamination::half_and_half(share)
+        };
+        let watch = std::time::Instant::now();
+        let mut tracks = Vec::new();
+        let mut total = [0; 3];
+        let mut worst: f64 = 1.0;
+        for seed in &seeds {
+            let run = run(&Drive { seed: *seed, ..Default::default() }, &what, raw);
+            let counts = run.counts();
+            if share > 0.0 {
+                worst = worst.min(f1(counts));
+            }
+            (0..3).for_each(|i| total[i] += counts[i]);
+            tracks.push(run.track_rms_m());
+            if verbose {
+                println!(
+                    "   seed {seed}: {:.2} cm, {counts:?} F1 {:.4} {}",
+                    100.0 * run.track_rms_m(),
+                    f1(counts),
+                    run.adjustment.stop
+                );
+            }
+        }
+        if share == 0.0 {
+            clean = tracks.clone();
+        }
+        println!(
+            "{:3.0} %: rms {:.3} cm, ratio {:.3}, F1 {:.4} (worst {worst:.4}), {total:?}, {:.1} s",
+            100.0 * share,
+            100.0 * rms(&tracks),
+            rms(&tracks) / rms(&clean),
+            f1(total),
+            watch.elapsed().as_secs_f64()
+        );
+    }
+    let _: BTreeSet<u8> = BTreeSet::new();
+}
