@@ -1,11 +1,13 @@
 //! Starting poses of a vehicle that comes without: from its image points, the cameras and the ground.
 //!
-//! Forward intersection with the ground raised by a height common to all points, one pattern and its
+//! Forward intersection with the ground raised by a height common to all points, without the tracks that
+//! stay behind while the others drive on; one pattern and its
 //! motion, heights and pattern adjusted together; again with each point's own height; then the body in
 //! the pattern, and the motion as a cone program.
 
 use super::body_axes::{Heading, place_body, scatter};
 use super::forward::{Foot, feet};
+use super::left_behind::left_behind;
 use super::motion_program::{self, Bound, Excess, Limits};
 use super::pattern::{KnownHeight, Pattern};
 use super::rigid_motion::{PlanePose, chain};
@@ -200,6 +202,11 @@ fn find_pattern(
     let mut heights: Vec<f64> = known.iter().map(|known| known.map_or(mean_m, |k| k.value_m)).collect();
     let meet = |heights: &[f64]| feet(&vehicle.observations, camera, camera_poses, heights, terrain);
     let mut met: Vec<Foot> = meet(&heights);
+    let is_left = left_behind(&met, frames, vehicle.points.len());
+    let meet = |heights: &[f64]| -> Vec<Foot> {
+        meet(heights).into_iter().filter(|foot| !is_left[foot.point]).collect()
+    };
+    met.retain(|foot| !is_left[foot.point]);
     if met.is_empty() {
         return Err(NoPoses::AllMiss { rays: vehicle.observations.len() });
     }

@@ -6,6 +6,7 @@ pub mod body_axes;
 pub mod dlt;
 pub mod forward;
 pub mod found_poses;
+pub mod left_behind;
 pub mod motion_program;
 pub mod pattern;
 pub mod resection;
