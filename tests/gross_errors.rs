@@ -114,6 +114,24 @@ fn study() {
             (0..3).for_each(|i| total[i] += counts[i]);
             tracks.push(run.track_rms_m());
             if verbose {
+                if std::env::var("WHO").is_ok() {
+                    let mut who = std::collections::BTreeMap::new();
+                    for (v, verdicts) in run.problem.vehicles.iter().zip(&run.adjustment.fits.verdicts.vehicles) {
+                        for (o, verdict) in v.observations.iter().zip(verdicts) {
+                            let key = (run.problem.frames[o.frame].number, v.id.clone(), v.points[o.point].id.clone());
+                            if !run.gross.of_vehicles.contains(&key) && *verdict != trackbundle::refine::Verdict::Used {
+                                *who.entry(format!("{} {verdict:?}", key.2)).or_insert(0) += 1;
+                            }
+                        }
+                    }
+                    for (o, verdict) in run.problem.target_observations.iter().zip(&run.adjustment.fits.verdicts.targets) {
+                        if *verdict != trackbundle::refine::Verdict::Used {
+                            *who.entry(format!("{} {verdict:?}", run.problem.targets[o.target].id)).or_insert(0) += 1;
+                        }
+                    }
+                    println!("{who:?} {:?}", run.adjustment.fits.tally);
+                }
+
                 println!(
                     "   seed {seed}: {:.2} cm, {counts:?} F1 {:.4} {}",
                     100.0 * run.track_rms_m(),

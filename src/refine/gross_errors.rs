@@ -189,8 +189,9 @@ impl Excluded {
         for (set, reasons) in sets(problem, start).iter().zip(excluded.sets_mut()) {
             let mut scores = Vec::new();
             for track in set.tracks() {
-                let norms = track.iter().filter_map(|at| Some(set.seen[*at].whitened?.norm()));
-                let norms: Vec<f64> = norms.collect();
+                let judged = track.iter().map(|at| &set.seen[*at]).filter(|seen| seen.kind == Kind::Point);
+                let norms: Vec<f64> =
+                    judged.map(|seen| seen.whitened.map_or(f64::INFINITY, |w| w.norm())).collect();
                 if norms.len() >= LEAST_TRACK {
                     scores.push((quantile(norms, GOOD_POINTS), track));
                 }
@@ -204,19 +205,32 @@ impl Excluded {
         excluded
     }
 
-    /// The tracks and frames that an estimate contradicts as a whole. `spread` is what good image points
-    /// scatter, in standard deviations.
-    pub fn judged(problem: &Problem, estimate: &Estimate, spread: f64) -> Excluded {
+    /// The tracks and frames that an estimate contradicts as a whole, and the estimate by which this was
+    /// judged: a point whose track was left out, or would now be, is found anew from the poses first. `spread` is
+    /// what good image points scatter, in standard deviations.
+    pub fn judged_anew(&self, problem: &Problem, estimate: &Estimate, spread: f64) -> (Excluded, Estimate) {
         let limit = OUTLIER_SIGMAS * spread.max(1.0);
-        let mut excluded = Excluded::nothing(problem);
-        for (set, reasons) in sets(problem, estimate).iter().zip(excluded.sets_mut()) {
-            *reasons = set.judge(limit).into_iter().map(|r| r.filter(|r| *r != Reason::ImagePoint)).collect();
+        let judge = |estimate: &Estimate| {
+            let mut excluded = Excluded::nothing(problem);
+            for (set, reasons) in sets(problem, estimate).iter().zip(excluded.sets_mut()) {
+                let judged = set.judge(limit).into_iter();
+                *reasons = judged.map(|reason| reason.filter(|r| *r != Reason::ImagePoint)).collect();
+            }
+            excluded
+        };
+        let mut doubted = judge(estimate);
+        for (reasons, before) in doubted.sets_mut().zip(self.vehicles.iter().chain([&self.targets])) {
+            reasons.iter_mut().zip(before).for_each(|(reason, before)| *reason = reason.or(*before));
         }
-        excluded
+        if doubted.is_empty() {
+            return (doubted, estimate.clone());
+        }
+        let anew = doubted.with_points_anew(problem, estimate);
+        (judge(&anew), anew)
     }
 
     /// The estimate with all points anew whose tracks are left out, from its poses.
-    pub fn with_points_anew(&self, problem: &Problem, estimate: &Estimate) -> Estimate {
+    fn with_points_anew(&self, problem: &Problem, estimate: &Estimate) -> Estimate {
         let mut anew = estimate.clone();
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             if self.vehicles[at].iter().all(Option::is_none) {
@@ -235,8 +249,17 @@ impl Excluded {
         anew
     }
 
+    pub fn debug(&self, problem: &Problem) {
+        let mut who = std::collections::BTreeMap::new();
+        for (v, r) in problem.vehicles.iter().zip(&self.vehicles) {
+            for (o, r) in v.observations.iter().zip(r) { if let Some(r) = r { *who.entry(format!("{} {r:?}", if *r == Reason::Frame { format!("f{}", o.frame) } else { v.points[o.point].id.clone() })).or_insert(0) += 1; } }
+        }
+        for (o, r) in problem.target_observations.iter().zip(&self.targets) { if let Some(r) = r { *who.entry(format!("{} {r:?}", problem.targets[o.target].id)).or_insert(0) += 1; } }
+        println!("excluded: {who:?}");
+    }
+
     fn sets_mut(&mut self) -> impl Iterator<Item = &mut Vec<Option<Reason>>> {
-        self.vehicles.iter_mut().chain(std::iter::once(&mut self.targets))
+        self.vehicles.iter_mut().chain([&mut self.targets])
     }
 }
 
@@ -249,8 +272,8 @@ pub fn verdicts(
     limit: f64,
 ) -> Verdicts {
     let mut verdicts = Vec::new();
-    let all_fits = fits.vehicles.iter().chain(std::iter::once(&fits.targets));
-    let all_out = excluded.vehicles.iter().chain(std::iter::once(&excluded.targets));
+    let all_fits = fits.vehicles.iter().chain([&fits.targets]);
+    let all_out = excluded.vehicles.iter().chain([&excluded.targets]);
     for ((set, fits), out) in sets(problem, estimate).iter().zip(all_fits).zip(all_out) {
         let judged = set.judge(limit);
         let one = |at: usize| match (out[at], set.seen[at].kind, &fits[at]) {
@@ -367,10 +390,14 @@ impl Set {
     }
 
     fn is_gross_as_a_whole(&self, members: &[usize], limit: f64) -> bool {
-        let residuals: Vec<Vector2<f64>> = members.iter().filter_map(|at| self.seen[*at].whitened).collect();
-        let gross: Vec<Vector2<f64>> = residuals.iter().copied().filter(|r| r.norm() > limit).collect();
-        let share = gross.len() as f64 / residuals.len().max(1) as f64;
-        if residuals.len() < LEAST_TOGETHER || share <= 0.5 {
+        let judged: Vec<&Seen> =
+            members.iter().map(|at| &self.seen[*at]).filter(|seen| seen.kind == Kind::Point).collect();
+        let gross: Vec<Vector2<f64>> =
+            judged.iter().filter_map(|seen| seen.whitened).filter(|r| r.norm() > limit).collect();
+        // What lies behind the camera has no residual; it is as gross as can be.
+        let behind = judged.iter().filter(|seen| seen.whitened.is_none()).count();
+        let share = (gross.len() + behind) as f64 / judged.len().max(1) as f64;
+        if judged.len() < LEAST_TOGETHER || share <= 0.5 {
             return false;
         }
         share > NEARLY_ALL || {

@@ -100,6 +100,8 @@ const ENDED: f64 = 1e-8;
 /// A body may be at the wrong one of two depths ([`reversal`]), which is looked for after so many iterations
 /// of the last round, if it has not ended before: in a wrong minimum it may go on for long.
 const BEFORE_REVERSAL: usize = 25;
+/// After the last round whole tracks and frames are judged anew, and the round goes on, so often at the most.
+const MOST_VERDICTS: usize = 3;
 /// Motion strengths have settled when none changes by more than this factor.
 const SETTLED: f64 = 1.15;
 
@@ -125,6 +127,7 @@ pub fn refine(
         LossName::None => Excluded::nothing(problem),
         _ => Excluded::suspected(problem, start),
     };
+    if std::env::var("WHO").is_ok() { excluded.debug(problem); }
     let model = Model::new(problem, start, start, options, &excluded);
     let mut run = Run {
         problem,
@@ -177,6 +180,12 @@ pub fn refine(
         minimum = run.round("final, at the other depth", ENDED, usize::MAX);
     } else if !minimum.stop.converged() {
         minimum = run.round("final, continued", ENDED, usize::MAX);
+    }
+    for _ in 0..MOST_VERDICTS {
+        if run.left == 0 || !run.judge(chosen)? {
+            break;
+        }
+        minimum = run.round("final, judged anew", ENDED, usize::MAX);
     }
     let mut estimate = run.model.estimate(problem, start, &run.values);
     look_where_they_drive(problem, &mut estimate);
@@ -265,19 +274,22 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Judges whole tracks and frames by what is known of the poses now; what fits comes back.
-    fn judge(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
+    /// Judges whole tracks and frames by what is known of the poses now; what fits comes back. Whether that
+    /// changes what is left out.
+    fn judge(&mut self, image_loss: Loss) -> Result<bool, TooLarge> {
         if self.options.loss == LossName::None {
-            return Ok(());
+            return Ok(false);
         }
         let now = self.model.estimate(self.problem, self.start, &self.values);
-        let now = self.excluded.with_points_anew(self.problem, &now);
-        let judged = Excluded::judged(self.problem, &now, self.model.spread(&self.values));
-        if judged != self.excluded {
+        let spread = self.model.spread(&self.values);
+        let (judged, now) = self.excluded.judged_anew(self.problem, &now, spread);
+        let changes = judged != self.excluded;
+        if changes {
             self.excluded = judged;
+            if std::env::var("WHO").is_ok() { println!("spread {spread}"); self.excluded.debug(self.problem); }
             self.go_on_from(&now, image_loss)?;
         }
-        Ok(())
+        Ok(changes)
     }
 
     /// The known height of a body belongs to its highest point, which may be another one by now.
