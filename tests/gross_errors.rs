@@ -154,3 +154,57 @@ fn study() {
     }
     let _: BTreeSet<u8> = BTreeSet::new();
 }
+
+#[test]
+#[ignore = "explore"]
+fn explore() {
+    let seeds: u64 = std::env::var("SEEDS").map_or(8, |s| s.parse().unwrap());
+    let half = Contamination::half_and_half;
+    let tracks = |t: f64, s: f64| Contamination { ground_tracks: t, singles: s, spares_mark: true, ..Default::default() };
+    let drive = Drive::default;
+    let far = || Drive { vehicle_error: [0.5, 0.05], vehicle_shift: [1.5, -1.0, 0.5, 0.15], ..drive() };
+    let list: Vec<(&str, Drive, Contamination, bool)> = vec![
+        ("far 40", far(), half(0.4), false),
+        ("far 60", far(), half(0.6), false),
+        ("slow 3 m/s 40", Drive { motion: [3.0, 0.1], ..drive() }, half(0.4), false),
+        ("slow 3 m/s 60", Drive { motion: [3.0, 0.1], ..drive() }, half(0.6), false),
+        ("slow 3 m/s 40 raw", Drive { motion: [3.0, 0.1], ..drive() }, half(0.4), true),
+        ("slow 3 m/s 60 raw", Drive { motion: [3.0, 0.1], ..drive() }, half(0.6), true),
+        ("tracks 39 singles 30", drive(), tracks(0.39, 0.3), false),
+        ("tracks 39 singles 30 raw", drive(), tracks(0.39, 0.3), true),
+        ("tracks 50", drive(), tracks(0.5, 0.0), false),
+        ("tracks 50 raw", drive(), tracks(0.5, 0.0), true),
+        ("tracks 60", drive(), tracks(0.6, 0.0), false),
+        ("tracks 60 raw", drive(), tracks(0.6, 0.0), true),
+        ("singles 45", drive(), tracks(0.0, 0.45), false),
+        ("singles 45 raw", drive(), tracks(0.0, 0.45), true),
+        ("singles 55", drive(), tracks(0.0, 0.55), false),
+        ("150 frames vis .5, 40", Drive { frames: 150, visibility: 0.5, motion: [6.0, 0.25], ..drive() }, half(0.4), false),
+        ("150 frames vis .5, 60 raw", Drive { frames: 150, visibility: 0.5, motion: [6.0, 0.25], ..drive() }, half(0.6), true),
+        ("3 cars 40", Drive { vehicles: 3, ..drive() }, half(0.4), false),
+        ("3 cars 40 raw", Drive { vehicles: 3, ..drive() }, half(0.4), true),
+        ("frames 6+6", drive(), Contamination { shifted_frames: 6, shifted_target_frames: 6, ..tracks(0.0, 0.0) }, false),
+        ("frames 6+6 raw", drive(), Contamination { shifted_frames: 6, shifted_target_frames: 6, ..tracks(0.0, 0.0) }, true),
+        ("frames 6+6, 40", drive(), Contamination { shifted_frames: 6, shifted_target_frames: 6, ..half(0.4) }, false),
+        ("standing 40", Drive { motion: [0.0, 0.0], ..drive() }, half(0.4), false),
+    ];
+    let only = std::env::var("ONLY").ok();
+    for (name, drive, what, raw) in list {
+        if only.as_ref().is_some_and(|only| !name.contains(only.as_str())) { continue; }
+        let (mut clean, mut dirty, mut total, mut worst) = (vec![], vec![], [0; 3], 1.0_f64);
+        let watch = std::time::Instant::now();
+        for seed in 1..=seeds {
+            let drive = Drive { seed, ..drive.clone() };
+            clean.push(run(&drive, &Contamination::default(), raw).track_rms_m());
+            let end = run(&drive, &what, raw);
+            let counts = end.counts();
+            if std::env::var("VERBOSE").is_ok() {
+                println!("{seed}: {:.2} clean {:.2} {counts:?} {:?}", 100.0 * end.track_rms_m(), 100.0 * clean.last().unwrap(), end.adjustment.fits.tally.rejected);
+            }
+            dirty.push(end.track_rms_m());
+            (0..3).for_each(|i| total[i] += counts[i]);
+            worst = worst.min(f1(counts));
+        }
+        println!("{name:26}: clean {:.2} cm, ratio {:8.3} (worst {:.1} cm), F1 {:.4} (worst {worst:.4}) {total:?} {:.1} s", 100.0 * rms(&clean), rms(&dirty) / rms(&clean), 100.0 * dirty.iter().copied().fold(0.0, f64::max), f1(total), watch.elapsed().as_secs_f64());
+    }
+}

@@ -183,6 +183,25 @@ fn stand(place_m: Vector2<f64>, heading_rad: f64, ground: &Ground) -> Pose {
     Pose::from_parts(Translation3::from(place_m.push(ground.height_m)), rotation)
 }
 
+/// For each point of a vehicle whether its track stays behind while the others drive on ([`left_behind`]).
+pub fn points_left_behind(
+    vehicle: &Vehicle,
+    camera: &Camera,
+    camera_poses: &[Pose],
+    terrain: &Terrain,
+) -> Vec<bool> {
+    let (_, heights) = first_heights(vehicle);
+    let met = feet(&vehicle.observations, camera, camera_poses, &heights, terrain);
+    left_behind(&met, camera_poses.len(), vehicle.points.len())
+}
+
+/// The mean height of the points of a vehicle, and that of each as far as it is known beforehand \[m\].
+fn first_heights(vehicle: &Vehicle) -> (f64, Vec<f64>) {
+    let mean_m = vehicle.height.map_or(MEAN_HEIGHT_M, |height| MEAN_SHARE * height.value_m);
+    let heights = vehicle.points.iter().map(|point| point.known[2].map_or(mean_m, |known| known.value_m));
+    (mean_m, heights.collect())
+}
+
 fn find_pattern(
     vehicle: &Vehicle,
     frames: usize,
@@ -198,8 +217,7 @@ fn find_pattern(
             Some(KnownHeight { value_m: known.value_m, sigma_m: known.sigma_m.max(LEAST_HEIGHT_SIGMA_M) })
         })
         .collect();
-    let mean_m = vehicle.height.map_or(MEAN_HEIGHT_M, |height| MEAN_SHARE * height.value_m);
-    let mut heights: Vec<f64> = known.iter().map(|known| known.map_or(mean_m, |k| k.value_m)).collect();
+    let (mean_m, mut heights) = first_heights(vehicle);
     let meet = |heights: &[f64]| feet(&vehicle.observations, camera, camera_poses, heights, terrain);
     let mut met: Vec<Foot> = meet(&heights);
     let is_left = left_behind(&met, frames, vehicle.points.len());

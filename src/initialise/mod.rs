@@ -19,7 +19,7 @@ use crate::geometry::Pose;
 use crate::problem::{Problem, Role, Vehicle};
 use dlt::{LinearPoint, Sighting};
 pub use found_poses::MotionBounds;
-use found_poses::{FoundPoses, NoPoses, find_poses};
+use found_poses::{FoundPoses, NoPoses, find_poses, points_left_behind};
 use nalgebra::Point3;
 use rayon::prelude::*;
 pub use resection::{NotResectable, Resection};
@@ -163,6 +163,15 @@ fn find_shape(
     estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
     let count = |of: fn(&Fit) -> bool| fits.iter().flatten().filter(|fit| of(fit)).count();
     ShapeCounts { robust: count(|fit| fit.robust), without_depth: count(|fit| fit.has_no_depth) }
+}
+
+/// For each vehicle and point whether its track stays behind on the ground while the others drive on.
+pub fn tracks_left_behind(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<bool>> {
+    let of_vehicle = |vehicle: &Vehicle| match &problem.ground {
+        Some(ground) => points_left_behind(vehicle, &problem.camera, camera_poses, &ground.terrain),
+        None => vec![false; vehicle.points.len()],
+    };
+    problem.vehicles.par_iter().map(of_vehicle).collect()
 }
 
 /// Those points of a vehicle that are wanted, from its poses and those of the cameras.

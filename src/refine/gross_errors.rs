@@ -21,7 +21,7 @@
 use super::OUTLIER_SIGMAS;
 use super::outcome::{Fits, ObservationFit};
 use crate::estimate::Estimate;
-use crate::initialise::shapes;
+use crate::initialise::{shapes, tracks_left_behind};
 use crate::problem::{Problem, Role};
 use nalgebra::Vector2;
 
@@ -182,13 +182,20 @@ impl Excluded {
         self.vehicles.iter().flatten().chain(&self.targets).all(Option::is_none)
     }
 
-    /// What the first estimate contradicts: tracks that fit it much worse than others do. Starting poses
-    /// may be far off, but they are off for all points of a frame.
+    /// What the first estimate contradicts: tracks that stay behind on the ground while others drive on, and
+    /// tracks that fit much worse than others do. Starting poses may be far off, but they are off for all
+    /// points of a frame.
     pub fn suspected(problem: &Problem, start: &Estimate) -> Excluded {
         let mut excluded = Excluded::nothing(problem);
+        let is_left = tracks_left_behind(problem, &start.camera_poses);
+        for ((vehicle, is_left), reasons) in problem.vehicles.iter().zip(&is_left).zip(&mut excluded.vehicles) {
+            for (o, reason) in vehicle.observations.iter().zip(reasons) {
+                *reason = is_left[o.point].then_some(Reason::Track);
+            }
+        }
         for (set, reasons) in sets(problem, start).iter().zip(excluded.sets_mut()) {
             let mut scores = Vec::new();
-            for track in set.tracks() {
+            for track in set.tracks().into_iter().filter(|track| track.iter().all(|at| reasons[*at].is_none())) {
                 let judged = track.iter().map(|at| &set.seen[*at]).filter(|seen| seen.kind == Kind::Point);
                 let norms: Vec<f64> =
                     judged.map(|seen| seen.whitened.map_or(f64::INFINITY, |w| w.norm())).collect();
