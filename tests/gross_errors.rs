@@ -116,17 +116,28 @@ fn study() {
             if verbose {
                 if std::env::var("WHO").is_ok() {
                     let mut who = std::collections::BTreeMap::new();
-                    for (v, verdicts) in run.problem.vehicles.iter().zip(&run.adjustment.fits.verdicts.vehicles) {
+                    for (v, verdicts) in
+                        run.problem.vehicles.iter().zip(&run.adjustment.fits.verdicts.vehicles)
+                    {
                         for (o, verdict) in v.observations.iter().zip(verdicts) {
-                            let key = (run.problem.frames[o.frame].number, v.id.clone(), v.points[o.point].id.clone());
-                            if !run.gross.of_vehicles.contains(&key) && *verdict != trackbundle::refine::Verdict::Used {
+                            let key = (
+                                run.problem.frames[o.frame].number,
+                                v.id.clone(),
+                                v.points[o.point].id.clone(),
+                            );
+                            if !run.gross.of_vehicles.contains(&key)
+                                && *verdict != trackbundle::refine::Verdict::Used
+                            {
                                 *who.entry(format!("{} {verdict:?}", key.2)).or_insert(0) += 1;
                             }
                         }
                     }
-                    for (o, verdict) in run.problem.target_observations.iter().zip(&run.adjustment.fits.verdicts.targets) {
+                    for (o, verdict) in
+                        run.problem.target_observations.iter().zip(&run.adjustment.fits.verdicts.targets)
+                    {
                         if *verdict != trackbundle::refine::Verdict::Used {
-                            *who.entry(format!("{} {verdict:?}", run.problem.targets[o.target].id)).or_insert(0) += 1;
+                            *who.entry(format!("{} {verdict:?}", run.problem.targets[o.target].id))
+                                .or_insert(0) += 1;
                         }
                     }
                     println!("{who:?} {:?}", run.adjustment.fits.tally);
@@ -160,7 +171,12 @@ fn study() {
 fn explore() {
     let seeds: u64 = std::env::var("SEEDS").map_or(8, |s| s.parse().unwrap());
     let half = Contamination::half_and_half;
-    let tracks = |t: f64, s: f64| Contamination { ground_tracks: t, singles: s, spares_mark: true, ..Default::default() };
+    let tracks = |t: f64, s: f64| Contamination {
+        ground_tracks: t,
+        singles: s,
+        spares_mark: true,
+        ..Default::default()
+    };
     let drive = Drive::default;
     let far = || Drive { vehicle_error: [0.5, 0.05], vehicle_shift: [1.5, -1.0, 0.5, 0.15], ..drive() };
     let list: Vec<(&str, Drive, Contamination, bool)> = vec![
@@ -179,18 +195,45 @@ fn explore() {
         ("singles 45", drive(), tracks(0.0, 0.45), false),
         ("singles 45 raw", drive(), tracks(0.0, 0.45), true),
         ("singles 55", drive(), tracks(0.0, 0.55), false),
-        ("150 frames vis .5, 40", Drive { frames: 150, visibility: 0.5, motion: [6.0, 0.25], ..drive() }, half(0.4), false),
-        ("150 frames vis .5, 60 raw", Drive { frames: 150, visibility: 0.5, motion: [6.0, 0.25], ..drive() }, half(0.6), true),
+        (
+            "150 frames vis .5, 40",
+            Drive { frames: 150, visibility: 0.5, motion: [6.0, 0.25], ..drive() },
+            half(0.4),
+            false,
+        ),
+        (
+            "150 frames vis .5, 60 raw",
+            Drive { frames: 150, visibility: 0.5, motion: [6.0, 0.25], ..drive() },
+            half(0.6),
+            true,
+        ),
         ("3 cars 40", Drive { vehicles: 3, ..drive() }, half(0.4), false),
         ("3 cars 40 raw", Drive { vehicles: 3, ..drive() }, half(0.4), true),
-        ("frames 6+6", drive(), Contamination { shifted_frames: 6, shifted_target_frames: 6, ..tracks(0.0, 0.0) }, false),
-        ("frames 6+6 raw", drive(), Contamination { shifted_frames: 6, shifted_target_frames: 6, ..tracks(0.0, 0.0) }, true),
-        ("frames 6+6, 40", drive(), Contamination { shifted_frames: 6, shifted_target_frames: 6, ..half(0.4) }, false),
+        (
+            "frames 6+6",
+            drive(),
+            Contamination { shifted_frames: 6, shifted_target_frames: 6, ..tracks(0.0, 0.0) },
+            false,
+        ),
+        (
+            "frames 6+6 raw",
+            drive(),
+            Contamination { shifted_frames: 6, shifted_target_frames: 6, ..tracks(0.0, 0.0) },
+            true,
+        ),
+        (
+            "frames 6+6, 40",
+            drive(),
+            Contamination { shifted_frames: 6, shifted_target_frames: 6, ..half(0.4) },
+            false,
+        ),
         ("standing 40", Drive { motion: [0.0, 0.0], ..drive() }, half(0.4), false),
     ];
     let only = std::env::var("ONLY").ok();
     for (name, drive, what, raw) in list {
-        if only.as_ref().is_some_and(|only| !name.contains(only.as_str())) { continue; }
+        if only.as_ref().is_some_and(|only| !name.contains(only.as_str())) {
+            continue;
+        }
         let (mut clean, mut dirty, mut total, mut worst) = (vec![], vec![], [0; 3], 1.0_f64);
         let watch = std::time::Instant::now();
         for seed in 1..=seeds {
@@ -199,12 +242,24 @@ fn explore() {
             let end = run(&drive, &what, raw);
             let counts = end.counts();
             if std::env::var("VERBOSE").is_ok() {
-                println!("{seed}: {:.2} clean {:.2} {counts:?} {:?}", 100.0 * end.track_rms_m(), 100.0 * clean.last().unwrap(), end.adjustment.fits.tally.rejected);
+                println!(
+                    "{seed}: {:.2} clean {:.2} {counts:?} {:?}",
+                    100.0 * end.track_rms_m(),
+                    100.0 * clean.last().unwrap(),
+                    end.adjustment.fits.tally.rejected
+                );
             }
             dirty.push(end.track_rms_m());
             (0..3).for_each(|i| total[i] += counts[i]);
             worst = worst.min(f1(counts));
         }
-        println!("{name:26}: clean {:.2} cm, ratio {:8.3} (worst {:.1} cm), F1 {:.4} (worst {worst:.4}) {total:?} {:.1} s", 100.0 * rms(&clean), rms(&dirty) / rms(&clean), 100.0 * dirty.iter().copied().fold(0.0, f64::max), f1(total), watch.elapsed().as_secs_f64());
+        println!(
+            "{name:26}: clean {:.2} cm, ratio {:8.3} (worst {:.1} cm), F1 {:.4} (worst {worst:.4}) {total:?} {:.1} s",
+            100.0 * rms(&clean),
+            rms(&dirty) / rms(&clean),
+            100.0 * dirty.iter().copied().fold(0.0, f64::max),
+            f1(total),
+            watch.elapsed().as_secs_f64()
+        );
     }
 }

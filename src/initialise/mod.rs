@@ -16,7 +16,8 @@ pub mod triangulation;
 
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::problem::{Problem, Role, Vehicle};
+use crate::problem::{Problem, Role, Vehicle, VehicleObservation};
+use crate::residuals::inside_body::BODY_BOX_M;
 use dlt::{LinearPoint, Sighting};
 pub use found_poses::MotionBounds;
 use found_poses::{FoundPoses, NoPoses, find_poses, points_left_behind};
@@ -157,8 +158,7 @@ fn find_shape(
     estimate: &mut VehicleEstimate,
     method: Method,
 ) -> ShapeCounts {
-    let all = vec![true; vehicle.points.len()];
-    let fits = shape(problem, camera_poses, vehicle, estimate, method, &all);
+    let fits = shape(problem, camera_poses, vehicle, estimate, method);
     estimate.points = fits.iter().map(|fit| fit.as_ref().map(|fit| fit.point)).collect();
     estimate.open_depth = fits.iter().map(|fit| fit.as_ref().is_some_and(|fit| fit.is_open)).collect();
     let count = |of: fn(&Fit) -> bool| fits.iter().flatten().filter(|fit| of(fit)).count();
@@ -174,16 +174,38 @@ pub fn tracks_left_behind(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<b
     problem.vehicles.par_iter().map(of_vehicle).collect()
 }
 
-/// Those points of a vehicle that are wanted, from its poses and those of the cameras.
-pub fn shapes(
+/// A point of a vehicle from poses that are right: where most of its rays meet within `limit` standard
+/// deviations ([`triangulation::consensus`]), in the body. (In the frame of a body that drives straight on below
+/// a camera that hovers, the rays to a place on the road are parallel: they all meet at infinity.)
+pub fn point_anew(
+    problem: &Problem,
+    estimate: &Estimate,
+    vehicle: usize,
+    point: usize,
+    limit: f64,
+) -> Option<Point3<f64>> {
+    let of_vehicle = &problem.vehicles[vehicle];
+    let own = of_vehicle.observations.iter().filter(|o| o.point == point);
+    let own = own.filter_map(|o| sighting(problem, &estimate.camera_poses, &estimate.vehicles[vehicle], o));
+    let sightings: Vec<Sighting> = own.collect();
+    let in_body = |point: &Point3<f64>| {
+        point.iter().zip(BODY_BOX_M).all(|(value, [lower, upper])| (lower..upper).contains(value))
+    };
+    triangulation::consensus(&sightings, &of_vehicle.points[point].known, limit, in_body)
+}
+
+/// The ray of an image point in the frame of its vehicle.
+fn sighting(
     problem: &Problem,
     camera_poses: &[Pose],
-    vehicle: &Vehicle,
     estimate: &VehicleEstimate,
-    wanted: &[bool],
-) -> Vec<Option<Point3<f64>>> {
-    let fits = shape(problem, camera_poses, vehicle, estimate, Method::RobustWhereNeeded, wanted);
-    fits.into_iter().map(|fit| fit.map(|fit| fit.point)).collect()
+    observation: &VehicleObservation,
+) -> Option<Sighting> {
+    Some(Sighting {
+        camera_from_body: camera_poses[observation.frame].inverse() * estimate.poses[observation.frame]?,
+        ray: problem.camera.ray(&observation.image_px)?,
+        sigma: observation.sigma_px / problem.camera.focal_px.mean(),
+    })
 }
 
 /// `world_from_camera` of each frame, and how those were found that were not given.
@@ -230,17 +252,10 @@ fn shape(
     vehicle: &Vehicle,
     estimate: &VehicleEstimate,
     method: Method,
-    wanted: &[bool],
 ) -> Vec<Option<Fit>> {
     let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); vehicle.points.len()];
     for observation in &vehicle.observations {
-        let Some(ray) = problem.camera.ray(&observation.image_px) else { continue };
-        let Some(world_from_body) = estimate.poses[observation.frame] else { continue };
-        sightings[observation.point].push(Sighting {
-            camera_from_body: camera_poses[observation.frame].inverse() * world_from_body,
-            ray,
-            sigma: observation.sigma_px / problem.camera.focal_px.mean(),
-        });
+        sightings[observation.point].extend(sighting(problem, camera_poses, estimate, observation));
     }
     let determinable = vehicle.determinable();
     let points = 0..vehicle.points.len();
@@ -248,7 +263,7 @@ fn shape(
         .into_par_iter()
         .map(|point| {
             let linear = LinearPoint::new(&sightings[point], &vehicle.points[point].known);
-            let plain = linear.solve().filter(|_| determinable[point] && wanted[point])?;
+            let plain = linear.solve().filter(|_| determinable[point])?;
             Some((linear, plain))
         })
         .collect();

@@ -7,7 +7,7 @@
 //! of the shape point, and these pull at the poses all from one side. So image points are judged together:
 //!
 //! 1. an image point is gross beyond [`OUTLIER_SIGMAS`] times the spread;
-//! 2. a track most of whose image points are gross is rejected as a whole, if three quarters are, or if the
+//! 2. a track most of whose image points are gross is rejected as a whole, if nine in ten are, or if the
 //!    gross ones follow each other: residuals of a thing that moves otherwise change slowly from one frame
 //!    to the next, those of errors that come alone do not (after von Neumann's ratio of successive
 //!    differences, 1941, with medians in place of mean squares);
@@ -21,14 +21,14 @@
 use super::OUTLIER_SIGMAS;
 use super::outcome::{Fits, ObservationFit};
 use crate::estimate::Estimate;
-use crate::initialise::{shapes, tracks_left_behind};
+use crate::initialise::{point_anew, tracks_left_behind};
 use crate::problem::{Problem, Role};
 use nalgebra::Vector2;
 
 /// Fewest image points that are judged together.
 const LEAST_TOGETHER: usize = 4;
 /// A track or frame of which more than this share is gross is rejected, however its gross errors came.
-const NEARLY_ALL: f64 = 0.75;
+const NEARLY_ALL: f64 = 0.9;
 /// Gross residuals of one cause differ by less than this share of their length; those that come alone by
 /// 1.4 times their length.
 const ONE_CAUSE: f64 = 0.5;
@@ -40,6 +40,8 @@ const SUSPECT: f64 = 4.0;
 const GOOD_TRACKS: f64 = 0.25;
 /// ... in this share of its frames.
 const GOOD_POINTS: f64 = 0.4;
+/// Where no more than this share of the image points of a vehicle is left, it is the estimate that is wrong.
+const LEAST_LEFT_IN: f64 = 0.15;
 /// Fewest image points by which the first estimate is held against a track.
 const LEAST_TRACK: usize = 8;
 
@@ -188,14 +190,17 @@ impl Excluded {
     pub fn suspected(problem: &Problem, start: &Estimate) -> Excluded {
         let mut excluded = Excluded::nothing(problem);
         let is_left = tracks_left_behind(problem, &start.camera_poses);
-        for ((vehicle, is_left), reasons) in problem.vehicles.iter().zip(&is_left).zip(&mut excluded.vehicles) {
+        for ((vehicle, is_left), reasons) in problem.vehicles.iter().zip(&is_left).zip(&mut excluded.vehicles)
+        {
             for (o, reason) in vehicle.observations.iter().zip(reasons) {
                 *reason = is_left[o.point].then_some(Reason::Track);
             }
         }
         for (set, reasons) in sets(problem, start).iter().zip(excluded.sets_mut()) {
             let mut scores = Vec::new();
-            for track in set.tracks().into_iter().filter(|track| track.iter().all(|at| reasons[*at].is_none())) {
+            for track in
+                set.tracks().into_iter().filter(|track| track.iter().all(|at| reasons[*at].is_none()))
+            {
                 let judged = track.iter().map(|at| &set.seen[*at]).filter(|seen| seen.kind == Kind::Point);
                 let norms: Vec<f64> =
                     judged.map(|seen| seen.whitened.map_or(f64::INFINITY, |w| w.norm())).collect();
@@ -219,9 +224,16 @@ impl Excluded {
         let limit = OUTLIER_SIGMAS * spread.max(1.0);
         let judge = |estimate: &Estimate| {
             let mut excluded = Excluded::nothing(problem);
-            for (set, reasons) in sets(problem, estimate).iter().zip(excluded.sets_mut()) {
+            let before = self.vehicles.iter().chain([&self.targets]);
+            for ((set, reasons), before) in
+                sets(problem, estimate).iter().zip(excluded.sets_mut()).zip(before)
+            {
                 let judged = set.judge(limit).into_iter();
                 *reasons = judged.map(|reason| reason.filter(|r| *r != Reason::ImagePoint)).collect();
+                let left_in = reasons.iter().filter(|reason| reason.is_none()).count();
+                if (left_in as f64) < LEAST_LEFT_IN * reasons.len() as f64 {
+                    reasons.clone_from(before);
+                }
             }
             excluded
         };
@@ -232,25 +244,49 @@ impl Excluded {
         if doubted.is_empty() {
             return (doubted, estimate.clone());
         }
-        let anew = doubted.with_points_anew(problem, estimate);
-        (judge(&anew), anew)
+        let mut anew = doubted.with_points_anew(problem, estimate, limit);
+        let judged = judge(&anew);
+        for (at, vehicle) in problem.vehicles.iter().enumerate() {
+            for (o, reason) in vehicle.observations.iter().zip(&judged.vehicles[at]) {
+                if *reason == Some(Reason::Track) {
+                    // Where few of its rays happen to meet may be anywhere.
+                    anew.vehicles[at].points[o.point] = estimate.vehicles[at].points[o.point];
+                }
+            }
+        }
+        (judged, anew)
     }
 
-    /// The estimate with all points anew whose tracks are left out, from its poses.
-    fn with_points_anew(&self, problem: &Problem, estimate: &Estimate) -> Estimate {
+    /// The estimate with all points anew whose tracks are left out, where more of their image points fit them
+    /// than fit them now.
+    fn with_points_anew(&self, problem: &Problem, estimate: &Estimate, limit: f64) -> Estimate {
         let mut anew = estimate.clone();
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
-            if self.vehicles[at].iter().all(Option::is_none) {
-                continue;
-            }
             let mut is_out = vec![false; vehicle.points.len()];
             for (o, reason) in vehicle.observations.iter().zip(&self.vehicles[at]) {
                 is_out[o.point] |= *reason == Some(Reason::Track);
             }
-            let points = shapes(problem, &estimate.camera_poses, vehicle, &estimate.vehicles[at], &is_out);
-            for (point, found) in anew.vehicles[at].points.iter_mut().zip(points) {
-                // A point that had none gets none: the unknowns stay the same.
-                *point = point.map(|before| found.unwrap_or(before));
+            // A point that has no coordinates gets none: the unknowns stay the same.
+            let has = |point: &usize| estimate.vehicles[at].points[*point].is_some();
+            for point in (0..vehicle.points.len()).filter(|point| is_out[*point]).filter(has) {
+                if let Some(found) = point_anew(problem, estimate, at, point, limit) {
+                    anew.vehicles[at].points[point] = Some(found);
+                }
+            }
+        }
+        let fitting = |of: &Estimate| -> Vec<Vec<usize>> {
+            let count = |set: &Set| {
+                let fits = |track: &Vec<usize>| track.iter().filter(|at| set.fits(**at, limit)).count();
+                set.tracks().iter().map(fits).collect()
+            };
+            sets(problem, of).iter().map(count).collect()
+        };
+        let (now, then) = (fitting(estimate), fitting(&anew));
+        for (at, vehicle) in estimate.vehicles.iter().enumerate() {
+            for (point, before) in vehicle.points.iter().enumerate() {
+                if then[at][point] <= now[at][point] {
+                    anew.vehicles[at].points[point] = *before;
+                }
             }
         }
         anew
@@ -259,9 +295,25 @@ impl Excluded {
     pub fn debug(&self, problem: &Problem) {
         let mut who = std::collections::BTreeMap::new();
         for (v, r) in problem.vehicles.iter().zip(&self.vehicles) {
-            for (o, r) in v.observations.iter().zip(r) { if let Some(r) = r { *who.entry(format!("{} {r:?}", if *r == Reason::Frame { format!("f{}", o.frame) } else { v.points[o.point].id.clone() })).or_insert(0) += 1; } }
+            for (o, r) in v.observations.iter().zip(r) {
+                if let Some(r) = r {
+                    *who.entry(format!(
+                        "{} {r:?}",
+                        if *r == Reason::Frame {
+                            format!("f{}", o.frame)
+                        } else {
+                            v.points[o.point].id.clone()
+                        }
+                    ))
+                    .or_insert(0) += 1;
+                }
+            }
         }
-        for (o, r) in problem.target_observations.iter().zip(&self.targets) { if let Some(r) = r { *who.entry(format!("{} {r:?}", problem.targets[o.target].id)).or_insert(0) += 1; } }
+        for (o, r) in problem.target_observations.iter().zip(&self.targets) {
+            if let Some(r) = r {
+                *who.entry(format!("{} {r:?}", problem.targets[o.target].id)).or_insert(0) += 1;
+            }
+        }
         println!("excluded: {who:?}");
     }
 
@@ -372,6 +424,10 @@ impl Set {
         tracks
     }
 
+    fn fits(&self, at: usize, limit: f64) -> bool {
+        self.seen[at].whitened.is_some_and(|residual| residual.norm() <= limit)
+    }
+
     fn judge(&self, limit: f64) -> Vec<Option<Reason>> {
         let mut reasons = vec![None; self.seen.len()];
         for track in self.tracks() {
@@ -407,7 +463,7 @@ impl Set {
         if judged.len() < LEAST_TOGETHER || share <= 0.5 {
             return false;
         }
-        share > NEARLY_ALL || {
+        share > NEARLY_ALL || behind > gross.len() || {
             let length = quantile(gross.iter().map(|r| r.norm()).collect(), 0.5);
             let change = quantile(gross.windows(2).map(|two| (two[1] - two[0]).norm()).collect(), 0.5);
             change < ONE_CAUSE * length

@@ -127,7 +127,9 @@ pub fn refine(
         LossName::None => Excluded::nothing(problem),
         _ => Excluded::suspected(problem, start),
     };
-    if std::env::var("WHO").is_ok() { excluded.debug(problem); }
+    if std::env::var("WHO").is_ok() {
+        excluded.debug(problem);
+    }
     let model = Model::new(problem, start, start, options, &excluded);
     let mut run = Run {
         problem,
@@ -286,7 +288,10 @@ impl Run<'_> {
         let changes = judged != self.excluded;
         if changes {
             self.excluded = judged;
-            if std::env::var("WHO").is_ok() { println!("spread {spread}"); self.excluded.debug(self.problem); }
+            if std::env::var("WHO").is_ok() {
+                println!("spread {spread}");
+                self.excluded.debug(self.problem);
+            }
             self.go_on_from(&now, image_loss)?;
         }
         Ok(changes)

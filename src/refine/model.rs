@@ -7,7 +7,7 @@ use super::gross_errors::Excluded;
 use super::motion::{Body, Motion, MotionPrior, MotionPriors};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::nlls::loss::{Loss, robust_spread};
+use crate::nlls::loss::{Loss, robust_spread_of_many};
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
 use crate::nlls::minimise::Minimiser;
 use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, TimeStep, Values};
@@ -154,7 +154,7 @@ impl Model {
     /// Robust spread of the whitened image points of vehicles: 1 where their sigmas are right.
     pub fn spread(&self, values: &Values) -> f64 {
         let squares = self.system.squared_norms(self.images[0], values);
-        robust_spread(squares.into_iter().map(|s| s.unwrap_or(f64::INFINITY)).collect())
+        robust_spread_of_many(squares.into_iter().map(|s| s.unwrap_or(f64::INFINITY)).collect())
     }
 
     /// Estimates the strength of the motion priors anew and returns the largest factor by which one
