@@ -5,7 +5,7 @@ use super::options::{Opened, OutputOptions, default_result_folder, motion_prior,
 use super::output::{counted, describe_resection, grouped, print, progress};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
-use crate::refine::{Adjustment, Arrangement, MotionPrior, MotionPriors, RefineOptions, refine};
+use crate::refine::{Adjustment, Arrangement, MotionPrior, MotionPriors, Reason, RefineOptions, refine};
 use crate::report::{Report, left_out, report_of_adjustment, resection_report, result_tables};
 use crate::scene::scene;
 use clap::Args;
@@ -131,6 +131,18 @@ fn summary(adjustment: &Adjustment, report: &Report) -> String {
         number(report.rms_target_px, 2),
         counted(report.outliers, "gross error")
     );
+    let tally = &adjustment.fits.tally;
+    if tally.gross() > 0 {
+        text += &format!(
+            "rejected    {} by itself, {} with the track, {} with the frame; {} of {} used, {} of these with less than half the weight\n",
+            grouped(tally.of(Reason::ImagePoint)),
+            grouped(tally.of(Reason::Track)),
+            grouped(tally.of(Reason::Frame)),
+            grouped(tally.used + tally.down_weighted),
+            counted(tally.all(), "image point"),
+            grouped(tally.down_weighted)
+        );
+    }
     for motion in &report.motion {
         text += &format!(
             "motion      of {}: acceleration {:.3} m/s^2, {:.3} deg/s^2 over one second{}\n",

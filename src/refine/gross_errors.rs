@@ -292,31 +292,6 @@ impl Excluded {
         anew
     }
 
-    pub fn debug(&self, problem: &Problem) {
-        let mut who = std::collections::BTreeMap::new();
-        for (v, r) in problem.vehicles.iter().zip(&self.vehicles) {
-            for (o, r) in v.observations.iter().zip(r) {
-                if let Some(r) = r {
-                    *who.entry(format!(
-                        "{} {r:?}",
-                        if *r == Reason::Frame {
-                            format!("f{}", o.frame)
-                        } else {
-                            v.points[o.point].id.clone()
-                        }
-                    ))
-                    .or_insert(0) += 1;
-                }
-            }
-        }
-        for (o, r) in problem.target_observations.iter().zip(&self.targets) {
-            if let Some(r) = r {
-                *who.entry(format!("{} {r:?}", problem.targets[o.target].id)).or_insert(0) += 1;
-            }
-        }
-        println!("excluded: {who:?}");
-    }
-
     fn sets_mut(&mut self) -> impl Iterator<Item = &mut Vec<Option<Reason>>> {
         self.vehicles.iter_mut().chain([&mut self.targets])
     }

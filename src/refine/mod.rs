@@ -4,9 +4,15 @@
 //!
 //! 1. **approach**: a loss that keeps pulling however far off a measurement is (Huber), because the
 //!    starting poses alone can put good image points tens of pixels off;
-//! 2. **variance components**: the chosen loss, and after each round the strength of the motion
+//! 2. **graduated**: where many image points are gross, the chosen loss with a scale that shrinks to its own
+//!    (graduated non-convexity: Blake and Zisserman 1987; Yang et al., RA-L 5, 2020), from the convex loss of
+//!    the approach on, so that motion is not estimated from poses that gross errors still pull at;
+//! 3. **variance components**: the chosen loss, and after each round the strength of the motion
 //!    priors is estimated anew, until it no longer changes;
-//! 3. **final**: all strengths fixed, to full accuracy.
+//! 4. **final**: all strengths fixed, to full accuracy.
+//!
+//! Before the first round, between rounds and after the last, whole tracks and frames are judged
+//! ([`gross_errors`]); what is gross as a whole is left out, and what was left out and fits comes back.
 
 mod datum;
 mod gross_errors;
@@ -93,6 +99,10 @@ const APPROACHED: f64 = 1e-3;
 const LONG_WAY: usize = 6;
 /// A round between two estimates of the motion priors ends when a step lowers the cost by less.
 const FOLLOWED: f64 = 1e-2;
+/// Where more than this share of image points is gross after the approach, the loss is tightened step by step ...
+const MANY_GROSS: f64 = 0.1;
+/// ... by these factors of its scale.
+const GRADUATED: [f64; 2] = [2.0, 1.0];
 /// The most iterations of a round before the last.
 const ROUND_ITERATIONS: usize = 10;
 /// The last round ends when a step lowers the cost by less.
@@ -127,9 +137,6 @@ pub fn refine(
         LossName::None => Excluded::nothing(problem),
         _ => Excluded::suspected(problem, start),
     };
-    if std::env::var("WHO").is_ok() {
-        excluded.debug(problem);
-    }
     let model = Model::new(problem, start, start, options, &excluded);
     let mut run = Run {
         problem,
@@ -160,6 +167,13 @@ pub fn refine(
         None => chosen.stretched(spread.max(1.0)),
         Some(_) => chosen,
     };
+    if chosen.redescends() && run.gross_share(spread) > MANY_GROSS {
+        for factor in GRADUATED {
+            run.model.set_image_loss(chosen.stretched(factor));
+            run.round("graduated", FOLLOWED, ROUND_ITERATIONS);
+        }
+        run.judge(chosen)?;
+    }
     run.model.set_image_loss(chosen);
     if estimates_motion {
         for _ in 0..MOST_ROUNDS {
@@ -276,6 +290,11 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Share of the image points of vehicles that are gross.
+    fn gross_share(&self, spread: f64) -> f64 {
+        self.model.share_beyond(&self.values, OUTLIER_SIGMAS * spread.max(1.0))
+    }
+
     /// Judges whole tracks and frames by what is known of the poses now; what fits comes back. Whether that
     /// changes what is left out.
     fn judge(&mut self, image_loss: Loss) -> Result<bool, TooLarge> {
@@ -288,10 +307,6 @@ impl Run<'_> {
         let changes = judged != self.excluded;
         if changes {
             self.excluded = judged;
-            if std::env::var("WHO").is_ok() {
-                println!("spread {spread}");
-                self.excluded.debug(self.problem);
-            }
             self.go_on_from(&now, image_loss)?;
         }
         Ok(changes)

@@ -157,6 +157,14 @@ impl Model {
         robust_spread_of_many(squares.into_iter().map(|s| s.unwrap_or(f64::INFINITY)).collect())
     }
 
+    /// Share of the image points of vehicles that are off by more than so many standard deviations.
+    pub fn share_beyond(&self, values: &Values, limit: f64) -> f64 {
+        let squares = self.system.squared_norms(self.images[0], values);
+        let beyond =
+            squares.iter().filter(|square| square.is_none_or(|square| square > limit * limit)).count();
+        beyond as f64 / squares.len().max(1) as f64
+    }
+
     /// Estimates the strength of the motion priors anew and returns the largest factor by which one
     /// changes.
     pub fn estimate_motion(&mut self, minimiser: &mut Minimiser, values: &Values) -> Result<f64, NoSolution> {
