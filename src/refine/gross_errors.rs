@@ -454,3 +454,60 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     }
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMIT: f64 = 5.12;
+
+    /// Image points of five points in 40 frames; `residual` by frame and point.
+    fn set(residual: impl Fn(usize, usize) -> Option<f64>) -> Set {
+        let one = |at: usize| {
+            let (frame, point) = (at / 5, at % 5);
+            // Directions turn slowly along a track, and are those of random errors otherwise.
+            let angle = if point == 0 { 0.05 * frame as f64 } else { 7.3 * (frame * frame + point) as f64 };
+            let direction = Vector2::new(angle.cos(), angle.sin());
+            Seen { frame, point, kind: Kind::Point, whitened: residual(frame, point).map(|r| direction * r) }
+        };
+        Set { seen: (0..200).map(one).collect(), points: 5, frames: 40 }
+    }
+
+    fn count(reasons: &[Option<Reason>], reason: Reason) -> usize {
+        reasons.iter().filter(|found| **found == Some(reason)).count()
+    }
+
+    #[test]
+    fn of_a_track_that_goes_its_own_way_what_fits_by_chance_is_rejected_too() {
+        let crossing = set(|frame, point| {
+            let off = (20.0 * (frame as f64 - 15.0)).abs() / 4.0;
+            Some(if point == 0 { off } else { 1.0 })
+        });
+        let fitting = (0..40).filter(|frame| crossing.fits(5 * frame, LIMIT)).count();
+        let reasons = crossing.judge(LIMIT);
+        assert!(fitting > 0 && count(&reasons, Reason::Track) == 40, "{fitting}");
+        assert_eq!(reasons.iter().flatten().count(), 40);
+    }
+
+    #[test]
+    fn errors_that_come_alone_are_rejected_alone_even_where_they_are_most_of_a_track() {
+        let scattered = set(|frame, point| Some(if point == 2 && frame % 5 > 1 { 90.0 } else { 1.0 }));
+        let reasons = scattered.judge(LIMIT);
+        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::ImagePoint)], [0, 24]);
+        let all = set(|frame, point| Some(if point == 2 && frame > 0 { 90.0 } else { 1.0 }));
+        assert_eq!(count(&all.judge(LIMIT), Reason::Track), 40);
+    }
+
+    #[test]
+    fn a_frame_is_judged_by_what_wrong_tracks_leave_of_it() {
+        let set = set(|frame, point| Some(if point < 1 || frame == 7 { 60.0 } else { 1.0 }));
+        let reasons = set.judge(LIMIT);
+        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::Frame)], [40, 4]);
+    }
+
+    #[test]
+    fn what_lies_behind_the_camera_is_gross_as_can_be() {
+        let set = set(|_, point| if point == 3 { None } else { Some(1.0) });
+        assert_eq!(count(&set.judge(LIMIT), Reason::Track), 40);
+    }
+}
