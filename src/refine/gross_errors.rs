@@ -480,7 +480,7 @@ mod tests {
     #[test]
     fn of_a_track_that_goes_its_own_way_what_fits_by_chance_is_rejected_too() {
         let crossing = set(|frame, point| {
-            let off = (20.0 * (frame as f64 - 15.0)).abs() / 4.0;
+            let off = 0.8 * (frame as f64 - 15.0).abs();
             Some(if point == 0 { off } else { 1.0 })
         });
         let fitting = (0..40).filter(|frame| crossing.fits(5 * frame, LIMIT)).count();
