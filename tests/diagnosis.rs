@@ -175,7 +175,11 @@ fn without_any_height_the_scale_is_not_determined() {
         assert!(track.heading_rad.is_finite(), "{track:?}");
     }
     for points in diagnosis.precision.points[0].iter().flatten() {
-        assert!(points.iter().any(|sigma| sigma.is_infinite()), "{points:?} {:?}", diagnosis.precision.points[0]);
+        assert!(
+            points.iter().any(|sigma| sigma.is_infinite()),
+            "{points:?} {:?}",
+            diagnosis.precision.points[0]
+        );
     }
     for camera in diagnosis.precision.cameras.iter().flatten() {
         assert!(camera.position_m.iter().all(|sigma| sigma.is_finite() && *sigma > 0.0));

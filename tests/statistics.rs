@@ -316,7 +316,18 @@ fn standardised_errors_of_300_films_are_those_of_the_theory() {
 #[ignore = "dbg"]
 fn dbg_scale() {
     let v = |n: &str, d: f64| std::env::var(n).map_or(d, |v| v.parse().unwrap());
-    let film = Film { vehicle_px: v("VPX", 1.0), target_px: v("TPX", 1.0), survey_m: v("SUR", 0.02), ground_m: v("GRO", 0.02), tilt_rad: v("TILT", 0.01), mark_m: v("MARK", 0.01), frames: v("FR", 150.0) as usize, points: v("PTS", 12.0) as usize, correlation_s: v("COR", 1.0), ..Film::default() };
+    let film = Film {
+        vehicle_px: v("VPX", 1.0),
+        target_px: v("TPX", 1.0),
+        survey_m: v("SUR", 0.02),
+        ground_m: v("GRO", 0.02),
+        tilt_rad: v("TILT", 0.01),
+        mark_m: v("MARK", 0.01),
+        frames: v("FR", 150.0) as usize,
+        points: v("PTS", 12.0) as usize,
+        correlation_s: v("COR", 1.0),
+        ..Film::default()
+    };
     let (mut s1, mut s2, mut n) = (0.0, 0.0, 0.0);
     for seed in 0..v("N", 100.0) as u64 {
         let (_, truth, adjusted, diagnosis) = adjusted(&film, seed);
@@ -326,8 +337,18 @@ fn dbg_scale() {
         let error = scale(&adjusted.estimate, &truth, &mut function);
         let gradient = DMatrix::from_vec(function.gradient.len(), 1, function.gradient);
         let sigma = gradient.dot(&covariance.times(&gradient)).sqrt();
-        if seed < 2 { println!("sigma {sigma:e} {:?} {:?}", diagnosis.scales[0].shares, diagnosis.scales[0].without); }
-        s1 += error / sigma; s2 += (error / sigma).powi(2); n += 1.0;
+        if seed < 2 {
+            println!("sigma {sigma:e} {:?} {:?}", diagnosis.scales[0].shares, diagnosis.scales[0].without);
+        }
+        s1 += error / sigma;
+        s2 += (error / sigma).powi(2);
+        n += 1.0;
     }
-    println!("mean {:.3} +- {:.3} square {:.3} +- {:.3}", s1 / n, 1.0 / f64::sqrt(n), s2 / n, f64::sqrt(2.0 / n));
+    println!(
+        "mean {:.3} +- {:.3} square {:.3} +- {:.3}",
+        s1 / n,
+        1.0 / f64::sqrt(n),
+        s2 / n,
+        f64::sqrt(2.0 / n)
+    );
 }

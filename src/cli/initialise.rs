@@ -5,7 +5,7 @@ use super::options::{Opened, OutputOptions};
 use super::output::{counted, describe_resection, grouped, print};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::Loss;
-use crate::refine::Fits;
+use crate::refine::{Excluded, Fits};
 use crate::report::{left_out, report_of_initial, result_tables};
 use crate::scene::scene;
 use clap::{Args, ValueEnum};
@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !initial.estimate.is_finite() {
         return Err(Failure::NoSolution("a starting value is out of all proportion".to_owned()));
     }
-    let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0);
+    let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0, &Excluded::nothing(&problem));
     let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
     report.warnings.splice(0..0, warnings);
     report.seconds.insert("read", read_s);

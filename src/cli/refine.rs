@@ -7,7 +7,9 @@ use crate::diagnose::{Diagnosis, Verdict, diagnose};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
 use crate::problem::Problem;
-use crate::refine::{Adjusted, Adjustment, Arrangement, MotionPrior, MotionPriors, RefineOptions, adjust};
+use crate::refine::{
+    Adjusted, Adjustment, Arrangement, MotionPrior, MotionPriors, Reason, RefineOptions, adjust,
+};
 use crate::report::{Report, left_out, report_of_adjustment, resection_report, result_tables};
 use crate::scene::scene;
 use clap::Args;
@@ -159,6 +161,18 @@ fn summary(adjustment: &Adjustment, report: &Report, verdict: Option<&Verdict>) 
         number(report.rms_target_px, 2),
         counted(report.outliers, "gross error")
     );
+    let tally = &adjustment.fits.tally;
+    if tally.gross() > 0 {
+        text += &format!(
+            "rejected    {} by itself, {} with the track, {} with the frame; {} of {} used, {} of these with less than half the weight\n",
+            grouped(tally.of(Reason::ImagePoint)),
+            grouped(tally.of(Reason::Track)),
+            grouped(tally.of(Reason::Frame)),
+            grouped(tally.used + tally.down_weighted),
+            counted(tally.all(), "image point"),
+            grouped(tally.down_weighted)
+        );
+    }
     for motion in &report.motion {
         text += &format!(
             "motion      of {}: acceleration {:.3} m/s^2, {:.3} deg/s^2 over one second{}\n",

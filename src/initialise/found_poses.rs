@@ -1,11 +1,13 @@
 //! Starting poses of a vehicle that comes without: from its image points, the cameras and the ground.
 //!
-//! Forward intersection with the ground raised by a height common to all points, one pattern and its
+//! Forward intersection with the ground raised by a height common to all points, without the tracks that
+//! stay behind while the others drive on; one pattern and its
 //! motion, heights and pattern adjusted together; again with each point's own height; then the body in
 //! the pattern, and the motion as a cone program.
 
 use super::body_axes::{Heading, place_body, scatter};
 use super::forward::{Foot, feet};
+use super::left_behind::left_behind;
 use super::motion_program::{self, Bound, Excess, Limits};
 use super::pattern::{KnownHeight, Pattern};
 use super::rigid_motion::{PlanePose, chain};
@@ -181,6 +183,25 @@ fn stand(place_m: Vector2<f64>, heading_rad: f64, ground: &Ground) -> Pose {
     Pose::from_parts(Translation3::from(place_m.push(ground.height_m)), rotation)
 }
 
+/// For each point of a vehicle whether its track stays behind while the others drive on ([`left_behind`]).
+pub fn points_left_behind(
+    vehicle: &Vehicle,
+    camera: &Camera,
+    camera_poses: &[Pose],
+    terrain: &Terrain,
+) -> Vec<bool> {
+    let (_, heights) = first_heights(vehicle);
+    let met = feet(&vehicle.observations, camera, camera_poses, &heights, terrain);
+    left_behind(&met, camera_poses.len(), vehicle.points.len())
+}
+
+/// The mean height of the points of a vehicle, and that of each as far as it is known beforehand \[m\].
+fn first_heights(vehicle: &Vehicle) -> (f64, Vec<f64>) {
+    let mean_m = vehicle.height.map_or(MEAN_HEIGHT_M, |height| MEAN_SHARE * height.value_m);
+    let heights = vehicle.points.iter().map(|point| point.known[2].map_or(mean_m, |known| known.value_m));
+    (mean_m, heights.collect())
+}
+
 fn find_pattern(
     vehicle: &Vehicle,
     frames: usize,
@@ -196,10 +217,14 @@ fn find_pattern(
             Some(KnownHeight { value_m: known.value_m, sigma_m: known.sigma_m.max(LEAST_HEIGHT_SIGMA_M) })
         })
         .collect();
-    let mean_m = vehicle.height.map_or(MEAN_HEIGHT_M, |height| MEAN_SHARE * height.value_m);
-    let mut heights: Vec<f64> = known.iter().map(|known| known.map_or(mean_m, |k| k.value_m)).collect();
+    let (mean_m, mut heights) = first_heights(vehicle);
     let meet = |heights: &[f64]| feet(&vehicle.observations, camera, camera_poses, heights, terrain);
     let mut met: Vec<Foot> = meet(&heights);
+    let is_left = left_behind(&met, frames, vehicle.points.len());
+    let meet = |heights: &[f64]| -> Vec<Foot> {
+        meet(heights).into_iter().filter(|foot| !is_left[foot.point]).collect()
+    };
+    met.retain(|foot| !is_left[foot.point]);
     if met.is_empty() {
         return Err(NoPoses::AllMiss { rays: vehicle.observations.len() });
     }

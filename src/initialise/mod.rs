@@ -6,6 +6,7 @@ pub mod body_axes;
 pub mod dlt;
 pub mod forward;
 pub mod found_poses;
+pub mod left_behind;
 pub mod motion_program;
 pub mod pattern;
 pub mod resection;
@@ -15,10 +16,11 @@ pub mod triangulation;
 
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::problem::{Problem, Role, Vehicle};
+use crate::problem::{Problem, Role, Vehicle, VehicleObservation};
+use crate::residuals::inside_body::BODY_BOX_M;
 use dlt::{LinearPoint, Sighting};
 pub use found_poses::MotionBounds;
-use found_poses::{FoundPoses, NoPoses, find_poses};
+use found_poses::{FoundPoses, NoPoses, find_poses, points_left_behind};
 use nalgebra::Point3;
 use rayon::prelude::*;
 pub use resection::{NotResectable, Resection};
@@ -163,6 +165,49 @@ fn find_shape(
     ShapeCounts { robust: count(|fit| fit.robust), without_depth: count(|fit| fit.has_no_depth) }
 }
 
+/// For each vehicle and point whether its track stays behind on the ground while the others drive on.
+pub fn tracks_left_behind(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<bool>> {
+    let of_vehicle = |vehicle: &Vehicle| match &problem.ground {
+        Some(ground) => points_left_behind(vehicle, &problem.camera, camera_poses, &ground.terrain),
+        None => vec![false; vehicle.points.len()],
+    };
+    problem.vehicles.par_iter().map(of_vehicle).collect()
+}
+
+/// A point of a vehicle from poses that are right: where most of its rays meet within `limit` standard
+/// deviations ([`triangulation::consensus`]), in the body. (In the frame of a body that drives straight on below
+/// a camera that hovers, the rays to a place on the road are parallel: they all meet at infinity.)
+pub fn point_anew(
+    problem: &Problem,
+    estimate: &Estimate,
+    vehicle: usize,
+    point: usize,
+    limit: f64,
+) -> Option<Point3<f64>> {
+    let of_vehicle = &problem.vehicles[vehicle];
+    let own = of_vehicle.observations.iter().filter(|o| o.point == point);
+    let own = own.filter_map(|o| sighting(problem, &estimate.camera_poses, &estimate.vehicles[vehicle], o));
+    let sightings: Vec<Sighting> = own.collect();
+    let in_body = |point: &Point3<f64>| {
+        point.iter().zip(BODY_BOX_M).all(|(value, [lower, upper])| (lower..upper).contains(value))
+    };
+    triangulation::consensus(&sightings, &of_vehicle.points[point].known, limit, in_body)
+}
+
+/// The ray of an image point in the frame of its vehicle.
+fn sighting(
+    problem: &Problem,
+    camera_poses: &[Pose],
+    estimate: &VehicleEstimate,
+    observation: &VehicleObservation,
+) -> Option<Sighting> {
+    Some(Sighting {
+        camera_from_body: camera_poses[observation.frame].inverse() * estimate.poses[observation.frame]?,
+        ray: problem.camera.ray(&observation.image_px)?,
+        sigma: observation.sigma_px / problem.camera.focal_px.mean(),
+    })
+}
+
 /// `world_from_camera` of each frame, and how those were found that were not given.
 fn camera_poses(problem: &Problem) -> Result<(Vec<Pose>, Option<Resection>), NotResectable> {
     let given: Option<Vec<Pose>> = problem.camera_poses.iter().copied().collect();
@@ -210,13 +255,7 @@ fn shape(
 ) -> Vec<Option<Fit>> {
     let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); vehicle.points.len()];
     for observation in &vehicle.observations {
-        let Some(ray) = problem.camera.ray(&observation.image_px) else { continue };
-        let Some(world_from_body) = estimate.poses[observation.frame] else { continue };
-        sightings[observation.point].push(Sighting {
-            camera_from_body: camera_poses[observation.frame].inverse() * world_from_body,
-            ray,
-            sigma: observation.sigma_px / problem.camera.focal_px.mean(),
-        });
+        sightings[observation.point].extend(sighting(problem, camera_poses, estimate, observation));
     }
     let determinable = vehicle.determinable();
     let points = 0..vehicle.points.len();

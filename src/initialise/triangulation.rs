@@ -133,6 +133,29 @@ pub fn triangulate(sightings: &[Sighting], known: &[Option<Known>; 3]) -> Result
     Ok(Triangulated { point, covariance, spread, is_good })
 }
 
+/// The point that most rays meet within `limit` standard deviations, by pairs of rays (random sample consensus:
+/// Fischler and Bolles 1981) and Tukey's loss of that scale; `None` where that is no place for it. The poses must
+/// be right, and more than half of the rays may be gross errors.
+pub fn consensus(
+    sightings: &[Sighting],
+    known: &[Option<Known>; 3],
+    limit: f64,
+    is_a_place: impl Fn(&Point3<f64>) -> bool,
+) -> Option<Point3<f64>> {
+    if sightings.len() < 2 {
+        return None;
+    }
+    let meeting = |point: &Point3<f64>| sightings.iter().filter(|s| norm(s, point) <= limit).count();
+    let hypotheses = pairs(sightings).into_iter().filter_map(|(i, j)| {
+        let point = LinearPoint::new(&[sightings[i], sightings[j]], known).solve().filter(&is_a_place)?;
+        Some((meeting(&point), point))
+    });
+    // Of several with the same number the first, so that the answer is always the same.
+    let best = hypotheses.reduce(|best, other| if other.0 > best.0 { other } else { best })?.1;
+    let point = descend(sightings, known, best, LossName::Tukey.with_scale(limit, 0.0));
+    is_a_place(&point).then_some(point)
+}
+
 /// Whether all cameras stand in one place.
 fn is_still(sightings: &[Sighting]) -> bool {
     let place = |s: &Sighting| s.camera_from_body.inverse().translation.vector;
@@ -338,6 +361,18 @@ mod tests {
                 assert!(found.is_good.iter().filter(|good| !**good).count() >= gross);
             }
         }
+    }
+
+    #[test]
+    fn consensus_outlives_two_gross_rays_in_three() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(8);
+        let anywhere = |_: &Point3<f64>| true;
+        for _ in 0..20 {
+            let found =
+                consensus(&sightings(120, 30.0, 0.65, 1.0, rng), &[None; 3], GROSS_SIGMAS, anywhere).unwrap();
+            assert!((found - point()).norm() < 0.1, "{found}");
+        }
+        assert_eq!(consensus(&[], &[None; 3], GROSS_SIGMAS, anywhere), None);
     }
 
     #[test]

@@ -225,13 +225,30 @@ impl FromStr for LossName {
 /// Standard deviation per coordinate of pairs with these squared norms, of which less than half may be
 /// gross: from the median on, the root mean square of those within three standard deviations, corrected
 /// for the cut.
-pub fn robust_spread(mut squares: Vec<f64>) -> f64 {
+pub fn robust_spread(squares: Vec<f64>) -> f64 {
+    spread_from(0.5, squares)
+}
+
+/// The same of many pairs, of which two thirds may be gross if these are ten standard deviations off or more: it
+/// sets out from a lower quantile, which is of good ones then.
+pub fn robust_spread_of_many(squares: Vec<f64>) -> f64 {
+    let share = if squares.len() < MANY { 0.5 } else { LOW };
+    spread_from(share, squares)
+}
+
+/// So many have a lower quantile that says something, and which that is.
+const MANY: usize = 100;
+const LOW: f64 = 0.15;
+
+fn spread_from(share: f64, mut squares: Vec<f64>) -> f64 {
     if squares.is_empty() {
         return 1.0;
     }
     squares.sort_by(f64::total_cmp);
-    // Half the squared norm of two unit normal numbers is exponential: its median is ln 2.
-    let mut variance = (0.5 * squares[squares.len() / 2] / 2_f64.ln()).clamp(1e-6, 1e6);
+    // Half the squared norm of two unit normal numbers is exponential.
+    let quantile = -(1.0 - share).ln();
+    let first = squares[(share * squares.len() as f64) as usize];
+    let mut variance = (0.5 * first / quantile).clamp(1e-6, 1e6);
     let half_cut: f64 = 4.5;
     let left = (1.0 - (-half_cut).exp() * (1.0 + half_cut)) / (1.0 - (-half_cut).exp());
     for _ in 0..20 {
@@ -341,7 +358,15 @@ mod tests {
             let found = robust_spread(squares(gross_share)) / 1.7;
             assert!((found - 1.0).abs() < tolerance, "{gross_share}: {found}");
         }
+        for (gross_share, tolerance) in [(0.0, 0.01), (0.2, 0.02), (0.6, 0.08)] {
+            let mut squares = squares(gross_share);
+            let worse = |s: &f64| if (40.0..4000.0).contains(s) { 300.0 + s } else { *s };
+            squares = squares.iter().map(worse).collect();
+            let found = robust_spread_of_many(squares) / 1.7;
+            assert!((found - 1.0).abs() < tolerance, "{gross_share}: {found}");
+        }
         assert_eq!(robust_spread(Vec::new()), 1.0);
+        assert_eq!(robust_spread_of_many(Vec::new()), 1.0);
         assert!(robust_spread(vec![0.0; 5]) > 0.0);
         assert!(robust_spread(vec![f64::INFINITY; 5]).is_finite());
     }

@@ -4,12 +4,19 @@
 //!
 //! 1. **approach**: a loss that keeps pulling however far off a measurement is (Huber), because the
 //!    starting poses alone can put good image points tens of pixels off;
-//! 2. **variance components**: the chosen loss, and after each round the strength of the motion
+//! 2. **graduated**: where many image points are gross, the chosen loss with a scale that shrinks to its own
+//!    (graduated non-convexity: Blake and Zisserman 1987; Yang et al., RA-L 5, 2020), from the convex loss of
+//!    the approach on, so that motion is not estimated from poses that gross errors still pull at;
+//! 3. **variance components**: the chosen loss, and after each round the strength of the motion
 //!    priors is estimated anew, until it no longer changes;
-//! 3. **final**: all strengths fixed, to full accuracy.
+//! 4. **final**: all strengths fixed, to full accuracy.
+//!
+//! Before the first round, between rounds and after the last, whole tracks and frames are judged
+//! ([`gross_errors`]); what is gross as a whole is left out, and what was left out and fits comes back.
 
 mod body_frame;
 mod datum;
+mod gross_errors;
 mod model;
 mod motion;
 mod outcome;
@@ -18,6 +25,7 @@ mod reversal;
 use body_frame::body_frames;
 pub use body_frame::{BodyFrame, OPEN_M, point_motion, pose_motion};
 pub use datum::scale_gap;
+pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
@@ -96,6 +104,10 @@ const APPROACHED: f64 = 1e-3;
 const LONG_WAY: usize = 6;
 /// A round between two estimates of the motion priors ends when a step lowers the cost by less.
 const FOLLOWED: f64 = 1e-2;
+/// Where more than this share of image points is gross after the approach, the loss is tightened step by step ...
+const MANY_GROSS: f64 = 0.1;
+/// ... by these factors of its scale.
+const GRADUATED: [f64; 2] = [2.0, 1.0];
 /// The most iterations of a round before the last.
 const ROUND_ITERATIONS: usize = 10;
 /// The last round ends when a step lowers the cost by less.
@@ -103,6 +115,8 @@ const ENDED: f64 = 1e-8;
 /// A body may be at the wrong one of two depths ([`reversal`]), which is looked for after so many iterations
 /// of the last round, if it has not ended before: in a wrong minimum it may go on for long.
 const BEFORE_REVERSAL: usize = 25;
+/// After the last round whole tracks and frames are judged anew, and the round goes on, so often at the most.
+const MOST_VERDICTS: usize = 3;
 /// Motion strengths have settled when none changes by more than this factor.
 const SETTLED: f64 = 1.15;
 
@@ -164,7 +178,11 @@ pub fn adjust(
     }
     let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
     let chosen = options.loss.with_scale(scale, options.loss_shape);
-    let model = Model::new(problem, start, start, options, Purpose::Adjustment);
+    let excluded = match options.loss {
+        LossName::None => Excluded::nothing(problem),
+        _ => Excluded::suspected(problem, start),
+    };
+    let model = Model::new(problem, start, start, options, Purpose::Adjustment { excluded: &excluded });
     let mut run = Run {
         problem,
         progress,
@@ -173,6 +191,7 @@ pub fn adjust(
         minimiser: Minimiser::new(&model.system)?,
         values: model.system.start().clone(),
         model,
+        excluded,
         left: options.max_iterations,
         rounds: Vec::new(),
     };
@@ -185,6 +204,7 @@ pub fn adjust(
         if !minimum.stop.converged() || minimum.records.len() > LONG_WAY {
             run.approach_anew(approach, minimum.cost.value)?;
         }
+        run.judge(approach)?;
     }
     let spread = run.model.spread(&run.values);
     let chosen = match options.loss_scale {
@@ -192,6 +212,13 @@ pub fn adjust(
         None => chosen.stretched(spread.max(1.0)),
         Some(_) => chosen,
     };
+    if chosen.redescends() && run.gross_share(spread) > MANY_GROSS {
+        for factor in GRADUATED {
+            run.model.set_image_loss(chosen.stretched(factor));
+            run.round("graduated", FOLLOWED, ROUND_ITERATIONS);
+        }
+        run.judge(chosen)?;
+    }
     run.model.set_image_loss(chosen);
     if estimates_motion {
         for _ in 0..MOST_ROUNDS {
@@ -202,15 +229,24 @@ pub fn adjust(
             run.round("variance components", FOLLOWED, ROUND_ITERATIONS);
         }
     }
+    run.judge(chosen)?;
     run.reselect_highest_points(chosen)?;
     let mut minimum = run.round("final", ENDED, BEFORE_REVERSAL);
     let now = run.model.estimate(problem, start, &run.values);
     let strengths = run.model.motion.strengths(&run.model.system);
-    if let Some(better) = reversal::better_reversed(problem, start, &now, options, &strengths, chosen)? {
+    if let Some(better) =
+        reversal::better_reversed(problem, start, &now, options, &strengths, chosen, &run.excluded)?
+    {
         run.go_on_from(&better, chosen)?;
         minimum = run.round("final, at the other depth", ENDED, usize::MAX);
     } else if !minimum.stop.converged() {
         minimum = run.round("final, continued", ENDED, usize::MAX);
+    }
+    for _ in 0..MOST_VERDICTS {
+        if run.left == 0 || !run.judge(chosen)? {
+            break;
+        }
+        minimum = run.round("final, judged anew", ENDED, usize::MAX);
     }
     let mut estimate = run.model.estimate(problem, start, &run.values);
     look_where_they_drive(problem, &mut estimate);
@@ -223,7 +259,8 @@ pub fn adjust(
         // Of all rounds together.
         *limit = options.max_iterations;
     }
-    let fits = Fits::new(problem, &estimate, chosen, spread);
+    let excluded = run.excluded.clone();
+    let fits = Fits::new(problem, &estimate, chosen, spread, &excluded);
     if fits.inside(problem)[0].is_empty() {
         return Err(NoSolution(
             "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
@@ -233,7 +270,10 @@ pub fn adjust(
     let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);
     let robust = estimate.clone();
     let network = run.least_squares(&mut estimate, &fits)?;
-    let fits = if network.is_some() { Fits::new(problem, &estimate, chosen, spread) } else { fits };
+    let fits = match network {
+        Some(_) => Fits::new(problem, &estimate, chosen, spread, &excluded),
+        None => fits,
+    };
     let end = outcome::End {
         model: &run.model,
         minimum,
@@ -272,6 +312,8 @@ struct Run<'a> {
     options: &'a RefineOptions,
     progress: Option<ProgressSink>,
     model: Model,
+    /// What the model leaves out.
+    excluded: Excluded,
     minimiser: Minimiser,
     values: Values,
     /// Iterations left.
@@ -384,6 +426,28 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Share of the image points of vehicles that are gross.
+    fn gross_share(&self, spread: f64) -> f64 {
+        self.model.share_beyond(&self.values, OUTLIER_SIGMAS * spread.max(1.0))
+    }
+
+    /// Judges whole tracks and frames by what is known of the poses now; what fits comes back. Whether that
+    /// changes what is left out.
+    fn judge(&mut self, image_loss: Loss) -> Result<bool, TooLarge> {
+        if self.options.loss == LossName::None {
+            return Ok(false);
+        }
+        let now = self.model.estimate(self.problem, self.start, &self.values);
+        let spread = self.model.spread(&self.values);
+        let (judged, now) = self.excluded.judged_anew(self.problem, &now, spread);
+        let changes = judged != self.excluded;
+        if changes {
+            self.excluded = judged;
+            self.go_on_from(&now, image_loss)?;
+        }
+        Ok(changes)
+    }
+
     /// The known height of a body belongs to its highest point, which may be another one by now.
     fn reselect_highest_points(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
         let now = self.model.estimate(self.problem, self.start, &self.values);
@@ -399,7 +463,8 @@ impl Run<'_> {
         now: &Estimate,
         image_loss: Loss,
     ) -> Result<(Minimiser, Model, Values), TooLarge> {
-        let mut model = Model::new(self.problem, self.start, now, self.options, Purpose::Adjustment);
+        let purpose = Purpose::Adjustment { excluded: &self.excluded };
+        let mut model = Model::new(self.problem, self.start, now, self.options, purpose);
         model.set_image_loss(image_loss);
         model.copy_motion(&self.model);
         let values = model.system.start().clone();

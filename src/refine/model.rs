@@ -4,11 +4,12 @@ use super::NoSolution;
 use super::RefineOptions;
 use super::body_frame::{ANCHOR_SIGMA_M, BodyFrame};
 use super::datum::{self, Treatment};
+use super::gross_errors::Excluded;
 use super::motion::{Body, Motion, MotionPrior, MotionPriors};
-use super::outcome::{Fits, ObservationFit};
+use super::outcome::Fits;
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::nlls::loss::{Loss, robust_spread};
+use crate::nlls::loss::{Loss, robust_spread_of_many};
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
 use crate::nlls::minimise::Minimiser;
 use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, TimeStep, Values};
@@ -50,8 +51,11 @@ const UNCONVENTIONAL: f64 = 100.0;
 /// What a model is for.
 #[derive(Clone, Copy)]
 pub enum Purpose<'a> {
-    /// To find the minimum from afar: weak conventions hold whatever else may not be held.
-    Adjustment,
+    /// To find the minimum from afar, without the image points that are left out.
+    Adjustment {
+        /// What is left out.
+        excluded: &'a Excluded,
+    },
     /// Least squares on accepted image points and what is known: frames of bodies are held by as many
     /// coordinates as measurements leave open.
     Statistics {
@@ -186,7 +190,7 @@ impl Model {
         let is_given = problem.camera_poses.iter().any(Option::is_some);
         let camera_rows = if is_given { free(&cameras) } else { 0 };
         let vehicle_rows = match purpose {
-            Purpose::Adjustment => adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>(),
+            Purpose::Adjustment { .. } => adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>(),
             Purpose::Statistics { .. } => 0,
         };
         let pose_rows = camera_rows + vehicle_rows;
@@ -307,7 +311,15 @@ impl Model {
     /// Robust spread of the whitened image points of vehicles: 1 where their sigmas are right.
     pub fn spread(&self, values: &Values) -> f64 {
         let squares = self.system.squared_norms(self.images[0], values);
-        robust_spread(squares.into_iter().map(|s| s.unwrap_or(f64::INFINITY)).collect())
+        robust_spread_of_many(squares.into_iter().map(|s| s.unwrap_or(f64::INFINITY)).collect())
+    }
+
+    /// Share of the image points of vehicles that are off by more than so many standard deviations.
+    pub fn share_beyond(&self, values: &Values, limit: f64) -> f64 {
+        let squares = self.system.squared_norms(self.images[0], values);
+        let beyond =
+            squares.iter().filter(|square| square.is_none_or(|square| square > limit * limit)).count();
+        beyond as f64 / squares.len().max(1) as f64
     }
 
     /// Estimates the strength of the motion priors anew and returns the largest factor by which one
@@ -491,9 +503,13 @@ fn add_images(
     purpose: Purpose<'_>,
 ) -> Images {
     let camera = Arc::new(problem.camera.clone());
-    let is_accepted = |fit: &dyn Fn(&Fits) -> Option<ObservationFit>| match purpose {
-        Purpose::Adjustment => true,
-        Purpose::Statistics { fits, .. } => fit(fits).is_some_and(|fit| fit.is_accepted()),
+    let takes_vehicle = |vehicle: usize, item: usize| match purpose {
+        Purpose::Adjustment { excluded } => excluded.vehicles[vehicle][item].is_none(),
+        Purpose::Statistics { fits, .. } => fits.vehicles[vehicle][item].is_some_and(|fit| fit.is_accepted()),
+    };
+    let takes_target = |item: usize| match purpose {
+        Purpose::Adjustment { excluded } => excluded.targets[item].is_none(),
+        Purpose::Statistics { fits, .. } => fits.targets[item].is_some_and(|fit| fit.is_accepted()),
     };
     let (mut of_vehicles, mut vehicle_items) = (Vec::new(), Vec::new());
     for (at, (vehicle, vehicle_blocks)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
@@ -503,7 +519,7 @@ fn add_images(
                 continue;
             };
             let seen = [blocks.cameras[observation.frame], pose, point];
-            if builder.decides(&seen) && is_accepted(&|fits| fits.vehicles[at][item]) {
+            if builder.decides(&seen) && takes_vehicle(at, item) {
                 of_vehicles.push(Measurement {
                     residual: VehicleImagePoint { camera: camera.clone(), observed_px: observation.image_px },
                     blocks: seen,
@@ -517,7 +533,7 @@ fn add_images(
     for (item, observation) in problem.target_observations.iter().enumerate() {
         let Some(target) = blocks.targets[observation.target] else { continue };
         let seen = [blocks.cameras[observation.frame], target];
-        if builder.decides(&seen) && is_accepted(&|fits| fits.targets[item]) {
+        if builder.decides(&seen) && takes_target(item) {
             of_targets.push(Measurement {
                 residual: TargetImagePoint { camera: camera.clone(), observed_px: observation.image_px },
                 blocks: seen,

@@ -1,6 +1,7 @@
 //! What was solved and how well.
 
 use super::Network;
+use super::gross_errors::{self, Excluded, Tally, Verdict, Verdicts};
 use super::model::Model;
 use super::motion::BodyStrength;
 use crate::estimate::Estimate;
@@ -135,7 +136,7 @@ pub struct ObservationFit {
     pub residual_px: Vector2<f64>,
     /// What it weighs: 1 in full, 0 not at all.
     pub weight: f64,
-    /// Whether it is a gross error.
+    /// Whether it is a gross error, by itself or with its track or frame.
     pub is_outlier: bool,
 }
 
@@ -153,6 +154,10 @@ pub struct Fits {
     pub vehicles: Vec<Vec<Option<ObservationFit>>>,
     /// One for each target observation. Those of check points weigh nothing.
     pub targets: Vec<Option<ObservationFit>>,
+    /// The verdict on each.
+    pub verdicts: Verdicts,
+    /// How many there are of each; together all image points.
+    pub tally: Tally,
     /// Gross errors among them, without those of check points.
     pub outliers: usize,
     /// Those whose computed place is behind the camera.
@@ -194,20 +199,31 @@ impl Adjustment {
 
 impl Fits {
     /// The fits of an estimate under a loss; `spread` is what good image points scatter, in units of
-    /// their standard deviations.
-    pub fn new(problem: &Problem, estimate: &Estimate, image_loss: Loss, spread: f64) -> Fits {
+    /// their standard deviations. `excluded` took no part.
+    pub fn new(
+        problem: &Problem,
+        estimate: &Estimate,
+        image_loss: Loss,
+        spread: f64,
+        excluded: &Excluded,
+    ) -> Fits {
         let limit = OUTLIER_SIGMAS * spread.max(1.0);
-        let mut fits =
-            Fits { vehicles: Vec::new(), targets: Vec::new(), outliers: 0, behind_camera: 0, not_used: 0 };
+        let mut fits = Fits {
+            vehicles: Vec::new(),
+            targets: Vec::new(),
+            verdicts: Verdicts::default(),
+            tally: Tally::default(),
+            outliers: 0,
+            behind_camera: 0,
+            not_used: 0,
+        };
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let found = &estimate.vehicles[at];
             let mut of_vehicle = Vec::with_capacity(vehicle.observations.len());
             for o in &vehicle.observations {
                 let is_used = found.left_out.is_none() && found.points[o.point].is_some();
                 let computed = is_used.then(|| estimate.vehicle_image_px(problem, at, o.frame, o.point));
-                let fit = fits.count(computed, o.image_px, o.sigma_px, image_loss, limit);
-                fits.outliers += usize::from(fit.is_some_and(|fit| fit.is_outlier));
-                of_vehicle.push(fit);
+                of_vehicle.push(fits.count(computed, o.image_px, o.sigma_px, image_loss));
             }
             fits.vehicles.push(of_vehicle);
         }
@@ -218,14 +234,25 @@ impl Fits {
                 Role::Check => target.surveyed(),
             };
             let computed = position.map(|p| estimate.target_image_px(problem, o.frame, &p));
-            let mut fit = fits.count(computed, o.image_px, o.sigma_px, image_loss, limit);
-            match (target.role, &mut fit) {
-                (Role::Control, Some(fit)) => fits.outliers += usize::from(fit.is_outlier),
-                (Role::Check, Some(fit)) => fit.weight = 0.0,
-                (_, None) => {}
-            }
+            let fit = fits.count(computed, o.image_px, o.sigma_px, image_loss);
             fits.targets.push(fit);
         }
+        fits.verdicts = gross_errors::verdicts(problem, estimate, &fits, excluded, limit);
+        let verdicts = fits.verdicts.vehicles.iter().chain([&fits.verdicts.targets]);
+        let excluded = excluded.vehicles.iter().chain([&excluded.targets]);
+        let sets = fits.vehicles.iter_mut().chain([&mut fits.targets]);
+        for ((fits, verdicts), excluded) in sets.zip(verdicts).zip(excluded) {
+            for ((fit, verdict), out) in fits.iter_mut().zip(verdicts).zip(excluded) {
+                let (Some(fit), Verdict::Rejected(reason)) = (fit, verdict) else { continue };
+                fit.is_outlier = reason.is_gross();
+                // A loss that never lets go of an image point has kept what is a gross error.
+                if image_loss.redescends() || !fit.is_outlier || out.is_some() {
+                    fit.weight = 0.0;
+                }
+            }
+        }
+        fits.tally = fits.verdicts.tally();
+        fits.outliers = fits.tally.gross();
         fits
     }
 
@@ -244,7 +271,6 @@ impl Fits {
         observed_px: Vector2<f64>,
         sigma_px: f64,
         image_loss: Loss,
-        limit: f64,
     ) -> Option<ObservationFit> {
         match computed {
             None => self.not_used += 1,
@@ -253,11 +279,7 @@ impl Fits {
         }
         let residual_px = observed_px - computed??;
         let squared = residual_px.norm_squared() / (sigma_px * sigma_px);
-        Some(ObservationFit {
-            residual_px,
-            weight: image_loss.weight(squared),
-            is_outlier: squared > limit * limit,
-        })
+        Some(ObservationFit { residual_px, weight: image_loss.weight(squared), is_outlier: false })
     }
 
     /// Fits that took part and are not gross errors, with the standard deviations of their image

@@ -5,6 +5,7 @@
 //! known of height and motion tell the two apart, and each is a minimum of its own. So the mirrored one is
 //! adjusted too, body by body under the cameras as they are, and taken where its cost is lower.
 
+use super::gross_errors::Excluded;
 use super::model::{Model, Purpose};
 use super::motion::{BodyStrength, MotionPrior, MotionPriors};
 use super::{Body, RefineOptions};
@@ -32,6 +33,7 @@ pub fn better_reversed(
     options: &RefineOptions,
     strengths: &[BodyStrength],
     loss: Loss,
+    excluded: &Excluded,
 ) -> Result<Option<Estimate>, TooLarge> {
     if problem.vehicle_pose_sigma.is_exact() {
         return Ok(None);
@@ -66,8 +68,10 @@ pub fn better_reversed(
         };
         let options = RefineOptions { motion, ..*options };
         let start = with(start, &start.vehicles[at]);
+        let excluded = excluded.of_vehicle(at);
         let adjusted = |from: &VehicleEstimate| -> Result<(f64, VehicleEstimate), TooLarge> {
-            let mut model = Model::new(&alone, &start, &with(now, from), &options, Purpose::Adjustment);
+            let purpose = Purpose::Adjustment { excluded: &excluded };
+            let mut model = Model::new(&alone, &start, &with(now, from), &options, purpose);
             model.set_image_loss(loss);
             let limits = MinimiserOptions { max_iterations: ITERATIONS, ..Default::default() };
             let minimum =

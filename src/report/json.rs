@@ -10,7 +10,7 @@ use crate::initialise::{Initial, Resection};
 use crate::nlls::linear::ordering::Rule;
 use crate::nlls::loss::Loss;
 use crate::problem::Problem;
-use crate::refine::{Adjustment, Body};
+use crate::refine::{Adjustment, Body, Reason, Tally};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -54,6 +54,8 @@ pub struct Report {
     pub rms_target_px: Option<f64>,
     /// Gross errors among the image points.
     pub outliers: usize,
+    /// What became of all image points.
+    pub image_points: Option<ImagePointsReport>,
     /// Image points whose computed place is behind the camera.
     pub behind_camera: usize,
     /// Image points of points without coordinates.
@@ -84,6 +86,19 @@ pub struct Report {
     pub seconds: BTreeMap<&'static str, f64>,
     /// What is odd.
     pub warnings: Vec<String>,
+}
+
+/// What became of the image points. `given` is the sum of all others.
+#[derive(Clone, Debug, Serialize)]
+pub struct ImagePointsReport {
+    /// All of the problem.
+    pub given: usize,
+    /// That took part.
+    pub used: usize,
+    /// That took part with less than half of their weight.
+    pub down_weighted: usize,
+    /// That were rejected, by reason.
+    pub rejected: BTreeMap<&'static str, usize>,
 }
 
 /// How camera poses were found before the adjustment. Medians are over the frames that were resected;
@@ -236,6 +251,7 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
         rms_vehicle_px,
         rms_target_px,
         outliers: adjustment.fits.outliers,
+        image_points: Some(image_points(&adjustment.fits.tally)),
         behind_camera: adjustment.fits.behind_camera,
         not_used: adjustment.fits.not_used,
         least_squares: adjustment.least_squares.map(|found| LeastSquaresReport {
@@ -360,6 +376,7 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         rms_vehicle_px: None,
         rms_target_px: None,
         outliers: 0,
+        image_points: None,
         behind_camera: 0,
         not_used: 0,
         resection: None,
@@ -375,6 +392,15 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         left_out,
         seconds: BTreeMap::new(),
         warnings: Vec::new(),
+    }
+}
+
+fn image_points(tally: &Tally) -> ImagePointsReport {
+    ImagePointsReport {
+        given: tally.all(),
+        used: tally.used,
+        down_weighted: tally.down_weighted,
+        rejected: Reason::ALL.into_iter().map(|reason| (reason.name(), tally.of(reason))).collect(),
     }
 }
 

@@ -225,7 +225,7 @@ impl Truth {
     }
 }
 
-fn project(camera: &Pose, point: &Point3<f64>) -> Option<Vector2<f64>> {
+pub(super) fn project(camera: &Pose, point: &Point3<f64>) -> Option<Vector2<f64>> {
     let x = camera.inverse_transform_point(point);
     let pixel = Vector2::new(x.x, x.y) / x.z * FOCAL_PX + Vector2::from(PRINCIPAL_PX);
     (x.z > 0.0 && (0.0..3840.0).contains(&pixel.x) && (0.0..2160.0).contains(&pixel.y)).then_some(pixel)
@@ -243,7 +243,7 @@ fn disturb(pose: &Pose, [position_m, rotation_rad]: [f64; 2], rng: &mut ChaCha8R
     Pose::from_parts((pose.translation.vector + shift).into(), pose.rotation * exp(&turn))
 }
 
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
+pub(super) fn normal(rng: &mut ChaCha8Rng) -> f64 {
     let (a, b): (f64, f64) = (rng.random_range(f64::EPSILON..1.0), rng.random());
     (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
 }

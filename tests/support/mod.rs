@@ -3,6 +3,7 @@
 
 pub mod drawn;
 pub mod drive;
+pub mod gross;
 pub mod photogrammetry;
 pub mod score;
 

@@ -1,0 +1,513 @@
+//! The verdict on every image point: used, down-weighted, or rejected for a named reason.
+//!
+//! Gross errors come alone (a wrong match), as whole tracks (a shape point whose image points sit on the
+//! road, on a shadow or on another vehicle, and which do not move with the body), and as whole frames (an
+//! image of the wrong time, another image's points). A robust loss sees image points one by one. It is
+//! bound to keep those few of a wrong track that fit by chance, where a place on the road crosses the path
+//! of the shape point, and these pull at the poses all from one side. So image points are judged together:
+//!
+//! 1. an image point is gross beyond [`OUTLIER_SIGMAS`] times the spread;
+//! 2. a track most of whose image points are gross is rejected as a whole, if nine in ten are, or if the
+//!    gross ones follow each other: residuals of a thing that moves otherwise change slowly from one frame
+//!    to the next, those of errors that come alone do not (after von Neumann's ratio of successive
+//!    differences, 1941, with medians in place of mean squares);
+//! 3. of what is left, a frame of a vehicle, or of the targets, likewise;
+//! 4. what is then gross is rejected by itself.
+//!
+//! Whole tracks and frames take no part in the adjustment ([`Excluded`]): they are judged before it, by how
+//! much worse than others they fit the first estimate, and again whenever poses are better known, each with
+//! its point found anew. What then fits comes back.
+
+use super::OUTLIER_SIGMAS;
+use super::outcome::{Fits, ObservationFit};
+use crate::estimate::Estimate;
+use crate::initialise::{point_anew, tracks_left_behind};
+use crate::problem::{Problem, Role};
+use nalgebra::Vector2;
+
+/// Fewest image points that are judged together.
+const LEAST_TOGETHER: usize = 4;
+/// A track or frame of which more than this share is gross is rejected, however its gross errors came.
+const NEARLY_ALL: f64 = 0.9;
+/// Gross residuals of one cause differ by less than this share of their length; those that come alone by
+/// 1.4 times their length.
+const ONE_CAUSE: f64 = 0.5;
+/// An image point that keeps less than this weight is down-weighted.
+const FULL_WEIGHT: f64 = 0.5;
+/// The first estimate contradicts a track that fits so many times worse than a good one ...
+const SUSPECT: f64 = 4.0;
+/// ... that is, than this share of tracks do ...
+const GOOD_TRACKS: f64 = 0.25;
+/// ... in this share of its frames.
+const GOOD_POINTS: f64 = 0.4;
+/// Where no more than this share of the image points of a vehicle is left, it is the estimate that is wrong.
+const LEAST_LEFT_IN: f64 = 0.15;
+/// Fewest image points by which the first estimate is held against a track.
+const LEAST_TRACK: usize = 8;
+
+/// What became of an image point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It took part.
+    Used,
+    /// It took part, with less than half of its weight.
+    DownWeighted,
+    /// It took no part.
+    Rejected(Reason),
+}
+
+/// Why an image point took no part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Reason {
+    /// It is a gross error by itself.
+    ImagePoint,
+    /// Its track is one as a whole: it is not of this body, or not of this target.
+    Track,
+    /// All that was seen of the vehicle, or of the targets, in its frame is one.
+    Frame,
+    /// Its computed place is behind the camera.
+    BehindCamera,
+    /// Its point has no coordinates.
+    NoCoordinates,
+    /// It is of a check point.
+    CheckPoint,
+}
+
+impl Reason {
+    /// All of them.
+    pub const ALL: [Reason; 6] = [
+        Reason::ImagePoint,
+        Reason::Track,
+        Reason::Frame,
+        Reason::BehindCamera,
+        Reason::NoCoordinates,
+        Reason::CheckPoint,
+    ];
+
+    /// Its name in a report.
+    pub fn name(self) -> &'static str {
+        match self {
+            Reason::ImagePoint => "image_point",
+            Reason::Track => "track",
+            Reason::Frame => "frame",
+            Reason::BehindCamera => "behind_camera",
+            Reason::NoCoordinates => "no_coordinates",
+            Reason::CheckPoint => "check_point",
+        }
+    }
+
+    /// Whether it is a gross error of the image point.
+    pub fn is_gross(self) -> bool {
+        matches!(self, Reason::ImagePoint | Reason::Track | Reason::Frame)
+    }
+}
+
+/// How many image points were used, down-weighted and rejected; together all that were given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// That took part.
+    pub used: usize,
+    /// That took part with less than half of their weight.
+    pub down_weighted: usize,
+    /// That took no part, in the order of [`Reason::ALL`].
+    pub rejected: [usize; Reason::ALL.len()],
+}
+
+impl Tally {
+    fn count(&mut self, verdict: Verdict) {
+        match verdict {
+            Verdict::Used => self.used += 1,
+            Verdict::DownWeighted => self.down_weighted += 1,
+            Verdict::Rejected(reason) => self.rejected[reason as usize] += 1,
+        }
+    }
+
+    /// Rejected for this reason.
+    pub fn of(&self, reason: Reason) -> usize {
+        self.rejected[reason as usize]
+    }
+
+    /// Gross errors of all three kinds.
+    pub fn gross(&self) -> usize {
+        Reason::ALL.into_iter().filter(|reason| reason.is_gross()).map(|reason| self.of(reason)).sum()
+    }
+
+    /// All that were given.
+    pub fn all(&self) -> usize {
+        self.used + self.down_weighted + self.rejected.iter().sum::<usize>()
+    }
+}
+
+/// The verdicts on all image points of a problem.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Verdicts {
+    /// For each vehicle one for each of its observations.
+    pub vehicles: Vec<Vec<Verdict>>,
+    /// One for each target observation.
+    pub targets: Vec<Verdict>,
+}
+
+impl Verdicts {
+    /// Their counts.
+    pub fn tally(&self) -> Tally {
+        let mut tally = Tally::default();
+        self.vehicles.iter().flatten().chain(&self.targets).for_each(|verdict| tally.count(*verdict));
+        tally
+    }
+}
+
+/// Image points that an adjustment leaves out: of whole tracks and whole frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Excluded {
+    /// For each vehicle one for each of its observations.
+    pub vehicles: Vec<Vec<Option<Reason>>>,
+    /// One for each target observation.
+    pub targets: Vec<Option<Reason>>,
+}
+
+impl Excluded {
+    /// Nothing is left out.
+    pub fn nothing(problem: &Problem) -> Excluded {
+        Excluded {
+            vehicles: problem.vehicles.iter().map(|v| vec![None; v.observations.len()]).collect(),
+            targets: vec![None; problem.target_observations.len()],
+        }
+    }
+
+    /// Of one vehicle alone, in a problem without targets.
+    pub fn of_vehicle(&self, vehicle: usize) -> Excluded {
+        Excluded { vehicles: vec![self.vehicles[vehicle].clone()], targets: Vec::new() }
+    }
+
+    /// Whether nothing is left out.
+    pub fn is_empty(&self) -> bool {
+        self.vehicles.iter().flatten().chain(&self.targets).all(Option::is_none)
+    }
+
+    /// What the first estimate contradicts: tracks that stay behind on the ground while others drive on, and
+    /// tracks that fit much worse than others do. Starting poses may be far off, but they are off for all
+    /// points of a frame.
+    pub fn suspected(problem: &Problem, start: &Estimate) -> Excluded {
+        let mut excluded = Excluded::nothing(problem);
+        let is_left = tracks_left_behind(problem, &start.camera_poses);
+        for ((vehicle, is_left), reasons) in problem.vehicles.iter().zip(&is_left).zip(&mut excluded.vehicles)
+        {
+            for (o, reason) in vehicle.observations.iter().zip(reasons) {
+                *reason = is_left[o.point].then_some(Reason::Track);
+            }
+        }
+        for (set, reasons) in sets(problem, start).iter().zip(excluded.sets_mut()) {
+            let mut scores = Vec::new();
+            for track in
+                set.tracks().into_iter().filter(|track| track.iter().all(|at| reasons[*at].is_none()))
+            {
+                let judged = track.iter().map(|at| &set.seen[*at]).filter(|seen| seen.kind == Kind::Point);
+                let norms: Vec<f64> =
+                    judged.map(|seen| seen.whitened.map_or(f64::INFINITY, |w| w.norm())).collect();
+                if norms.len() >= LEAST_TRACK {
+                    scores.push((quantile(norms, GOOD_POINTS), track));
+                }
+            }
+            let good = quantile(scores.iter().map(|(score, _)| *score).collect(), GOOD_TRACKS);
+            let limit = SUSPECT * good.max(OUTLIER_SIGMAS);
+            for (_, track) in scores.into_iter().filter(|(score, _)| *score > limit) {
+                track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
+            }
+        }
+        excluded
+    }
+
+    /// The tracks and frames that an estimate contradicts as a whole, and the estimate by which this was
+    /// judged: a point whose track was left out, or would now be, is found anew from the poses first. `spread` is
+    /// what good image points scatter, in standard deviations.
+    pub fn judged_anew(&self, problem: &Problem, estimate: &Estimate, spread: f64) -> (Excluded, Estimate) {
+        let limit = OUTLIER_SIGMAS * spread.max(1.0);
+        let judge = |estimate: &Estimate| {
+            let mut excluded = Excluded::nothing(problem);
+            let before = self.vehicles.iter().chain([&self.targets]);
+            for ((set, reasons), before) in
+                sets(problem, estimate).iter().zip(excluded.sets_mut()).zip(before)
+            {
+                let judged = set.judge(limit).into_iter();
+                *reasons = judged.map(|reason| reason.filter(|r| *r != Reason::ImagePoint)).collect();
+                let left_in = reasons.iter().filter(|reason| reason.is_none()).count();
+                if (left_in as f64) < LEAST_LEFT_IN * reasons.len() as f64 {
+                    reasons.clone_from(before);
+                }
+            }
+            excluded
+        };
+        let mut doubted = judge(estimate);
+        for (reasons, before) in doubted.sets_mut().zip(self.vehicles.iter().chain([&self.targets])) {
+            reasons.iter_mut().zip(before).for_each(|(reason, before)| *reason = reason.or(*before));
+        }
+        if doubted.is_empty() {
+            return (doubted, estimate.clone());
+        }
+        let mut anew = doubted.with_points_anew(problem, estimate, limit);
+        let judged = judge(&anew);
+        for (at, vehicle) in problem.vehicles.iter().enumerate() {
+            for (o, reason) in vehicle.observations.iter().zip(&judged.vehicles[at]) {
+                if *reason == Some(Reason::Track) {
+                    // Where few of its rays happen to meet may be anywhere.
+                    anew.vehicles[at].points[o.point] = estimate.vehicles[at].points[o.point];
+                }
+            }
+        }
+        (judged, anew)
+    }
+
+    /// The estimate with all points anew whose tracks are left out, where more of their image points fit them
+    /// than fit them now.
+    fn with_points_anew(&self, problem: &Problem, estimate: &Estimate, limit: f64) -> Estimate {
+        let mut anew = estimate.clone();
+        for (at, vehicle) in problem.vehicles.iter().enumerate() {
+            let mut is_out = vec![false; vehicle.points.len()];
+            for (o, reason) in vehicle.observations.iter().zip(&self.vehicles[at]) {
+                is_out[o.point] |= *reason == Some(Reason::Track);
+            }
+            // A point that has no coordinates gets none: the unknowns stay the same.
+            let has = |point: &usize| estimate.vehicles[at].points[*point].is_some();
+            for point in (0..vehicle.points.len()).filter(|point| is_out[*point]).filter(has) {
+                if let Some(found) = point_anew(problem, estimate, at, point, limit) {
+                    anew.vehicles[at].points[point] = Some(found);
+                }
+            }
+        }
+        let fitting = |of: &Estimate| -> Vec<Vec<usize>> {
+            let count = |set: &Set| {
+                let fits = |track: &Vec<usize>| track.iter().filter(|at| set.fits(**at, limit)).count();
+                set.tracks().iter().map(fits).collect()
+            };
+            sets(problem, of).iter().map(count).collect()
+        };
+        let (now, then) = (fitting(estimate), fitting(&anew));
+        for (at, vehicle) in estimate.vehicles.iter().enumerate() {
+            for (point, before) in vehicle.points.iter().enumerate() {
+                if then[at][point] <= now[at][point] {
+                    anew.vehicles[at].points[point] = *before;
+                }
+            }
+        }
+        anew
+    }
+
+    fn sets_mut(&mut self) -> impl Iterator<Item = &mut Vec<Option<Reason>>> {
+        self.vehicles.iter_mut().chain([&mut self.targets])
+    }
+}
+
+/// The verdicts on the image points of an estimate, from how they fit. `excluded` took no part.
+pub fn verdicts(
+    problem: &Problem,
+    estimate: &Estimate,
+    fits: &Fits,
+    excluded: &Excluded,
+    limit: f64,
+) -> Verdicts {
+    let mut verdicts = Vec::new();
+    let all_fits = fits.vehicles.iter().chain([&fits.targets]);
+    let all_out = excluded.vehicles.iter().chain([&excluded.targets]);
+    for ((set, fits), out) in sets(problem, estimate).iter().zip(all_fits).zip(all_out) {
+        let judged = set.judge(limit);
+        let one = |at: usize| match (out[at], set.seen[at].kind, &fits[at]) {
+            (_, Kind::Check, _) => Verdict::Rejected(Reason::CheckPoint),
+            (Some(reason), ..) => Verdict::Rejected(reason),
+            (None, Kind::WithoutCoordinates, _) => Verdict::Rejected(Reason::NoCoordinates),
+            (None, Kind::Point, None) => Verdict::Rejected(Reason::BehindCamera),
+            (None, Kind::Point, Some(fit)) => judged[at].map_or(of_weight(fit), Verdict::Rejected),
+        };
+        verdicts.push((0..set.seen.len()).map(one).collect::<Vec<_>>());
+    }
+    let targets = verdicts.pop().unwrap_or_default();
+    Verdicts { vehicles: verdicts, targets }
+}
+
+fn of_weight(fit: &ObservationFit) -> Verdict {
+    if fit.weight < FULL_WEIGHT { Verdict::DownWeighted } else { Verdict::Used }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Point,
+    WithoutCoordinates,
+    Check,
+}
+
+/// An image point and how it fits.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    frame: usize,
+    point: usize,
+    kind: Kind,
+    /// Residual in standard deviations, where it has one that counts.
+    whitened: Option<Vector2<f64>>,
+}
+
+/// The image points that are judged together: those of a vehicle, or of all targets.
+struct Set {
+    seen: Vec<Seen>,
+    points: usize,
+    frames: usize,
+}
+
+/// One for each vehicle, then that of the targets.
+fn sets(problem: &Problem, estimate: &Estimate) -> Vec<Set> {
+    let frames = problem.frames.len();
+    let mut sets = Vec::new();
+    for (at, vehicle) in problem.vehicles.iter().enumerate() {
+        let found = &estimate.vehicles[at];
+        let seen = vehicle.observations.iter().map(|o| {
+            let is_there = found.left_out.is_none() && found.points[o.point].is_some();
+            let computed =
+                is_there.then(|| estimate.vehicle_image_px(problem, at, o.frame, o.point)).flatten();
+            Seen {
+                frame: o.frame,
+                point: o.point,
+                kind: if is_there { Kind::Point } else { Kind::WithoutCoordinates },
+                whitened: computed.map(|computed| (o.image_px - computed) / o.sigma_px),
+            }
+        });
+        sets.push(Set { seen: seen.collect(), points: vehicle.points.len(), frames });
+    }
+    let seen = problem.target_observations.iter().map(|o| {
+        let position = estimate.targets[o.target];
+        let kind = match (problem.targets[o.target].role, position) {
+            (Role::Check, _) => Kind::Check,
+            (Role::Control, None) => Kind::WithoutCoordinates,
+            (Role::Control, Some(_)) => Kind::Point,
+        };
+        let computed = position
+            .filter(|_| kind == Kind::Point)
+            .and_then(|position| estimate.target_image_px(problem, o.frame, &position));
+        Seen {
+            frame: o.frame,
+            point: o.target,
+            kind,
+            whitened: computed.map(|computed| (o.image_px - computed) / o.sigma_px),
+        }
+    });
+    sets.push(Set { seen: seen.collect(), points: problem.targets.len(), frames });
+    sets
+}
+
+impl Set {
+    /// Indices of the image points of each point, in order of time.
+    fn tracks(&self) -> Vec<Vec<usize>> {
+        let mut tracks = vec![Vec::new(); self.points];
+        self.seen.iter().enumerate().for_each(|(at, seen)| tracks[seen.point].push(at));
+        tracks
+    }
+
+    fn fits(&self, at: usize, limit: f64) -> bool {
+        self.seen[at].whitened.is_some_and(|residual| residual.norm() <= limit)
+    }
+
+    fn judge(&self, limit: f64) -> Vec<Option<Reason>> {
+        let mut reasons = vec![None; self.seen.len()];
+        for track in self.tracks() {
+            if self.is_gross_as_a_whole(&track, limit) {
+                track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
+            }
+        }
+        let mut frames = vec![Vec::new(); self.frames];
+        for (at, seen) in self.seen.iter().enumerate().filter(|(at, _)| reasons[*at].is_none()) {
+            frames[seen.frame].push(at);
+        }
+        for frame in frames {
+            if self.is_gross_as_a_whole(&frame, limit) {
+                frame.into_iter().for_each(|at| reasons[at] = Some(Reason::Frame));
+            }
+        }
+        for (reason, seen) in reasons.iter_mut().zip(&self.seen) {
+            if reason.is_none() && seen.whitened.is_some_and(|w| w.norm() > limit) {
+                *reason = Some(Reason::ImagePoint);
+            }
+        }
+        reasons
+    }
+
+    fn is_gross_as_a_whole(&self, members: &[usize], limit: f64) -> bool {
+        let judged: Vec<&Seen> =
+            members.iter().map(|at| &self.seen[*at]).filter(|seen| seen.kind == Kind::Point).collect();
+        let gross: Vec<Vector2<f64>> =
+            judged.iter().filter_map(|seen| seen.whitened).filter(|r| r.norm() > limit).collect();
+        // What lies behind the camera has no residual; it is as gross as can be.
+        let behind = judged.iter().filter(|seen| seen.whitened.is_none()).count();
+        let share = (gross.len() + behind) as f64 / judged.len().max(1) as f64;
+        if judged.len() < LEAST_TOGETHER || share <= 0.5 {
+            return false;
+        }
+        share > NEARLY_ALL || behind > gross.len() || {
+            let length = quantile(gross.iter().map(|r| r.norm()).collect(), 0.5);
+            let change = quantile(gross.windows(2).map(|two| (two[1] - two[0]).norm()).collect(), 0.5);
+            change < ONE_CAUSE * length
+        }
+    }
+}
+
+/// The value that this share of all does not exceed; zero of none.
+fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    let at = (share * values.len() as f64) as usize;
+    if at >= values.len() {
+        return 0.0;
+    }
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMIT: f64 = 5.12;
+
+    /// Image points of five points in 40 frames; `residual` by frame and point.
+    fn set(residual: impl Fn(usize, usize) -> Option<f64>) -> Set {
+        let one = |at: usize| {
+            let (frame, point) = (at / 5, at % 5);
+            // Directions turn slowly along a track, and are those of random errors otherwise.
+            let angle = if point == 0 { 0.05 * frame as f64 } else { 7.3 * (frame * frame + point) as f64 };
+            let direction = Vector2::new(angle.cos(), angle.sin());
+            Seen { frame, point, kind: Kind::Point, whitened: residual(frame, point).map(|r| direction * r) }
+        };
+        Set { seen: (0..200).map(one).collect(), points: 5, frames: 40 }
+    }
+
+    fn count(reasons: &[Option<Reason>], reason: Reason) -> usize {
+        reasons.iter().filter(|found| **found == Some(reason)).count()
+    }
+
+    #[test]
+    fn of_a_track_that_goes_its_own_way_what_fits_by_chance_is_rejected_too() {
+        let crossing = set(|frame, point| {
+            let off = 0.8 * (frame as f64 - 15.0).abs();
+            Some(if point == 0 { off } else { 1.0 })
+        });
+        let fitting = (0..40).filter(|frame| crossing.fits(5 * frame, LIMIT)).count();
+        let reasons = crossing.judge(LIMIT);
+        assert!(fitting > 0 && count(&reasons, Reason::Track) == 40, "{fitting}");
+        assert_eq!(reasons.iter().flatten().count(), 40);
+    }
+
+    #[test]
+    fn errors_that_come_alone_are_rejected_alone_even_where_they_are_most_of_a_track() {
+        let scattered = set(|frame, point| Some(if point == 2 && frame % 5 > 1 { 90.0 } else { 1.0 }));
+        let reasons = scattered.judge(LIMIT);
+        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::ImagePoint)], [0, 24]);
+        let all = set(|frame, point| Some(if point == 2 && frame > 0 { 90.0 } else { 1.0 }));
+        assert_eq!(count(&all.judge(LIMIT), Reason::Track), 40);
+    }
+
+    #[test]
+    fn a_frame_is_judged_by_what_wrong_tracks_leave_of_it() {
+        let set = set(|frame, point| Some(if point < 1 || frame == 7 { 60.0 } else { 1.0 }));
+        let reasons = set.judge(LIMIT);
+        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::Frame)], [40, 4]);
+    }
+
+    #[test]
+    fn what_lies_behind_the_camera_is_gross_as_can_be() {
+        let set = set(|_, point| if point == 3 { None } else { Some(1.0) });
+        assert_eq!(count(&set.judge(LIMIT), Reason::Track), 40);
+    }
+}
