@@ -15,7 +15,7 @@
 
 use crate::nlls::covariance::Covariance;
 use crate::nlls::system::BlockId;
-use crate::refine::{BodyFrame, Network, Source, point_motion, pose_motion};
+use crate::refine::{Network, Source, point_motion, pose_motion};
 use nalgebra::{DMatrix, DVector, Vector6};
 use std::collections::BTreeMap;
 
@@ -36,8 +36,7 @@ pub struct Inner<'a> {
 struct Body {
     /// Orthonormal in the weighted shifts of points.
     open: Vec<Vector6<f64>>,
-    /// Of each point that counts.
-    weights: Vec<f64>,
+
     /// `Y` and `B^T Y`.
     times: DMatrix<f64>,
     square: DMatrix<f64>,
@@ -78,77 +77,21 @@ impl Joint {
     }
 }
 
-/// Weights of the points of each vehicle, one in the mean: the inverse of the variance that each would have
-/// were all poses known. (With the frame, or the scale, it would be that of what holds these.)
-pub fn weights(network: &Network) -> Vec<Vec<f64>> {
-    let of_vehicle = |(vehicle, frame): (usize, &BodyFrame)| {
-        let block = |point: usize| network.model.shape_point(vehicle, point).expect("a point that counts");
-        let blocks: Vec<BlockId> = frame.points.iter().map(|(point, _)| block(*point)).collect();
-        let normals = network.model.system.own_normals(&blocks, &network.values);
-        let mut weights: Vec<f64> = blocks
-            .iter()
-            .zip(normals)
-            .map(|(block, mut normal)| {
-                let free = network.model.system.free(*block);
-                for (at, _) in free.iter().enumerate().filter(|(_, free)| !**free) {
-                    // Known exactly: its variance is zero.
-                    normal[(at, at)] = f64::INFINITY;
-                }
-                let finite = normal.map(|v| if v.is_finite() { v } else { 1e18 });
-                finite.try_inverse().map_or(0.0, |inverse| 1.0 / inverse.trace())
-            })
-            .collect();
-        let is_known = |weight: &f64| !weight.is_finite() || *weight > 1e15;
-        if weights.iter().all(is_known) {
-            weights.fill(1.0);
-        }
-        let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
-        weights.iter_mut().for_each(|weight| *weight /= mean);
-        weights
-    };
-    network.frames.iter().enumerate().map(of_vehicle).collect()
-}
-
-/// The open directions of a frame, orthonormal in the weighted shifts of its points.
-fn orthonormal(frame: &BodyFrame, weights: &[f64]) -> Vec<Vector6<f64>> {
-    let dot = |a: &Vector6<f64>, b: &Vector6<f64>| -> f64 {
-        let of_point = |((_, place), weight): (&(usize, nalgebra::Point3<f64>), &f64)| {
-            point_motion(a, place).dot(&point_motion(b, place)) * weight
-        };
-        frame.points.iter().zip(weights).map(of_point).sum()
-    };
-    let mut out: Vec<Vector6<f64>> = Vec::new();
-    for direction in &frame.open {
-        let mut direction = *direction;
-        for _ in 0..2 {
-            for other in &out {
-                direction -= other * dot(&direction, other);
-            }
-        }
-        let length = dot(&direction, &direction).sqrt();
-        out.push(direction / length);
-    }
-    out
-}
-
 impl<'a> Inner<'a> {
     /// The covariance of `network`, of which `markers` are the points whose tracks are wanted.
     pub fn new(
         network: &'a Network,
         mut covariance: Covariance<'a>,
         variance: f64,
-        weights: &[Vec<f64>],
         markers: &[Option<usize>],
     ) -> Self {
-        let opens: Vec<Vec<Vector6<f64>>> =
-            network.frames.iter().zip(weights).map(|(frame, weights)| orthonormal(frame, weights)).collect();
         let n = network.model.system.pattern().size();
         let mut sides = DMatrix::zeros(n, 0);
         let mut counts = Vec::new();
         for (vehicle, frame) in network.frames.iter().enumerate() {
             let mut columns = DMatrix::zeros(n, frame.open.len() + 3);
-            for (k, direction) in opens[vehicle].iter().enumerate() {
-                for ((point, place), weight) in frame.points.iter().zip(&weights[vehicle]) {
+            for (k, direction) in frame.open.iter().enumerate() {
+                for ((point, place), weight) in frame.points.iter().zip(&frame.weights) {
                     let block = network.model.shape_point(vehicle, *point).expect("a point that counts");
                     let range = network.model.system.range_of(block);
                     if let Some(range) = range {
@@ -175,15 +118,15 @@ impl<'a> Inner<'a> {
         }
         let solved = covariance.times(&sides);
         let mut at = 0;
-        let bodies = opens.into_iter().zip(weights).zip(counts);
+        let bodies = network.frames.iter().zip(counts);
         let bodies = bodies
-            .map(|((open, weights), (used, marker))| {
-                let k = open.len();
+            .map(|(frame, (used, marker))| {
+                let k = frame.open.len();
                 let times = solved.columns(at, k).into_owned();
                 let square = sides.columns(at, k).transpose() * &times;
                 let marker = marker.map(|block| (block, solved.columns(at + k, 3).into_owned()));
                 at += used;
-                Body { open, weights: weights.clone(), times, square, marker, scale: None }
+                Body { open: frame.open.clone(), times, square, marker, scale: None }
             })
             .collect();
         let mut inner = Inner { network, covariance, variance, bodies, conventions: BTreeMap::new() };
@@ -221,7 +164,7 @@ impl<'a> Inner<'a> {
         let body = &self.bodies[vehicle];
         let mut of_open = DVector::zeros(body.open.len());
         for (k, open) in body.open.iter().enumerate() {
-            for ((point, place), weight) in frame.points.iter().zip(&body.weights) {
+            for ((point, place), weight) in frame.points.iter().zip(&frame.weights) {
                 let block = self.network.model.shape_point(vehicle, *point).expect("a point that counts");
                 if let Some(range) = self.network.model.system.range_of(block) {
                     let moved = point_motion(open, place) * *weight;

@@ -56,11 +56,12 @@ fn of_network(
     variance: f64,
 ) -> Result<Diagnosis, NoCovariance> {
     let mut covariance = Covariance::new(&network.model.system, &network.values)?;
-    let weights = inner::weights(network);
-    let functionals = scale::functionals(estimate, network, &weights);
+    let functionals = scale::functionals(estimate, network);
     let solved = covariance.times(&functionals);
     let directions = scale::directions(network, &functionals, &solved);
     let statistics = statistics::statistics(problem, network, &covariance);
+    let (mut scales, left) =
+        scale::scales(estimate, network, &mut covariance, (&functionals, &directions), variance);
     let check_points = check_points::check_points(problem, estimate, network, &mut covariance, variance);
     let markers: Vec<Option<usize>> = problem
         .vehicles
@@ -68,7 +69,7 @@ fn of_network(
         .zip(&estimate.vehicles)
         .map(|(vehicle, found)| vehicle.marker.filter(|marker| found.points[*marker].is_some()))
         .collect();
-    let mut inner = Inner::new(network, covariance, variance, &weights, &markers);
+    let mut inner = Inner::new(network, covariance, variance, &markers);
     for (vehicle, direction) in directions.iter().enumerate() {
         if direction.conventions > UNDETERMINED {
             inner.set_undetermined_scale(vehicle, &direction.step, direction.variance);
@@ -82,7 +83,7 @@ fn of_network(
         .iter()
         .map(|frame| (frame.open.len(), frame.known.iter().map(|known| known.0).collect()))
         .collect();
-    let scales = scale::scales(estimate, network, &weights, (&functionals, &directions), variance)?;
+    scale::leave_out(network, &mut scales, &left, &functionals, variance);
     Ok(Diagnosis { precision, statistics, scales, check_points, frames })
 }
 

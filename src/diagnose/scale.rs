@@ -18,7 +18,7 @@
 
 use super::inner::UNDETERMINED;
 use crate::estimate::Estimate;
-use crate::nlls::covariance::NoCovariance;
+use crate::nlls::covariance::{Covariance, NoCovariance};
 use crate::nlls::linear::cholesky::Singular;
 use crate::nlls::system::{Accuracy, Curvature, Factors, Normal};
 use crate::refine::{Network, Source};
@@ -26,6 +26,11 @@ use nalgebra::{DMatrix, Point3, Vector3};
 
 /// By what the standard deviations of a source are multiplied that is left out.
 const LEFT_OUT: f64 = 1e5;
+
+/// A source of no more rows than this is left out without a factorisation ...
+const MOST_ROWS_OUT: usize = 16;
+/// ... unless no more than this share of a row is checked by others.
+const LEAST_LEFT: f64 = 1e-5;
 
 /// What determined the scale of a vehicle.
 #[derive(Clone, Debug)]
@@ -67,15 +72,15 @@ impl Scale {
 }
 
 /// `a` of each vehicle, a column each; zero where there is no shape.
-pub fn functionals(estimate: &Estimate, network: &Network, weights: &[Vec<f64>]) -> DMatrix<f64> {
+pub fn functionals(estimate: &Estimate, network: &Network) -> DMatrix<f64> {
     let system = &network.model.system;
     let mut columns = DMatrix::zeros(system.pattern().size(), network.frames.len());
     for (vehicle, frame) in network.frames.iter().enumerate() {
         if estimate.vehicles[vehicle].left_out.is_some() || frame.points.is_empty() {
             continue;
         }
-        let weighted = || frame.points.iter().zip(&weights[vehicle]);
-        let middle = middle(&frame.points, &weights[vehicle]);
+        let weighted = || frame.points.iter().zip(&frame.weights);
+        let middle = middle(&frame.points, &frame.weights);
         let sum: f64 = weighted().map(|((_, p), w)| w * (p.coords - middle).norm_squared()).sum();
         for ((point, place), weight) in weighted() {
             let Some(block) = network.model.shape_point(vehicle, *point) else { continue };
@@ -126,49 +131,120 @@ fn sources(network: &Network) -> Vec<Source> {
     all
 }
 
-/// The scales of all vehicles, given their functionals and directions. The system comes back as it was.
-pub fn scales(
-    estimate: &Estimate,
-    network: &mut Network,
-    weights: &[Vec<f64>],
-    (a, found): (&DMatrix<f64>, &[Direction]),
-    variance_factor: f64,
-) -> Result<Vec<Scale>, NoCovariance> {
-    let mut solver = Solver::new(network)?;
-    let sigma_of = |direction: &Direction| match direction.conventions > UNDETERMINED {
+/// Whether something is known by a source.
+fn is_knowledge(source: Source) -> bool {
+    !matches!(source, Source::VehicleImages | Source::TargetImages | Source::Frame | Source::Convention)
+}
+
+fn sigma_of(direction: &Direction, variance_factor: f64) -> f64 {
+    match direction.conventions > UNDETERMINED {
         true => f64::INFINITY,
         false => (direction.variance * variance_factor).sqrt(),
-    };
+    }
+}
+
+/// The scales of all vehicles, given their functionals and directions; without the sources that take a
+/// factorisation of their own to be left out ([`leave_out`]), which come back too.
+pub fn scales(
+    estimate: &Estimate,
+    network: &Network,
+    covariance: &mut Covariance<'_>,
+    (a, found): (&DMatrix<f64>, &[Direction]),
+    variance_factor: f64,
+) -> (Vec<Scale>, Vec<Source>) {
     let all = sources(network);
-    let mut scales: Vec<Scale> = found
-        .iter()
-        .enumerate()
-        .map(|(vehicle, direction)| Scale {
-            vehicle,
-            sigma: sigma_of(direction),
-            shares: all
-                .iter()
-                .map(|source| (*source, share(network, *source, &direction.step, direction.variance)))
-                .collect(),
-            without: Vec::new(),
-            common: Vec::new(),
-        })
-        .collect();
-    let is_knowledge = |source: &Source| {
-        !matches!(source, Source::VehicleImages | Source::TargetImages | Source::Frame | Source::Convention)
+    let scale = |(vehicle, direction): (usize, &Direction)| Scale {
+        vehicle,
+        sigma: sigma_of(direction, variance_factor),
+        shares: all
+            .iter()
+            .map(|source| (*source, share(network, *source, &direction.step, direction.variance)))
+            .collect(),
+        without: Vec::new(),
+        common: Vec::new(),
     };
-    for source in all.iter().copied().filter(|source| is_knowledge(source)) {
-        if let Some(error) = common_error(network, &solver.normal, source) {
-            let moved = solver.solve(network, &DMatrix::from_vec(error.len(), 1, error));
+    let mut scales: Vec<Scale> = found.iter().enumerate().map(scale).collect();
+    let mut left = Vec::new();
+    for source in all.into_iter().filter(|source| is_knowledge(*source)) {
+        if let Some(error) = common_error(network, covariance, source) {
+            let moved = covariance.times(&DMatrix::from_vec(error.len(), 1, error));
             for scale in &mut scales {
                 let change = a.column(scale.vehicle).dot(&moved.column(0));
-                let track_m = track_shift(estimate, network, weights, scale.vehicle, moved.as_slice());
+                let track_m = track_shift(estimate, network, scale.vehicle, moved.as_slice());
                 scale.common.push((source, CommonError { scale: change, track_m }));
             }
         }
+        match directions_without_few(network, covariance, source, a, found) {
+            Some(without) => {
+                for scale in &mut scales {
+                    scale.without.push((source, sigma_of(&without[scale.vehicle], variance_factor)));
+                }
+            }
+            None => left.push(source),
+        }
     }
-    for source in all.iter().copied().filter(|source| is_knowledge(source)) {
-        let groups: Vec<_> = network.model.groups_of(source).collect();
+    scales.retain(|scale| estimate.vehicles[scale.vehicle].left_out.is_none());
+    (scales, left)
+}
+
+/// Directions without a source of few rows `J`, by Woodbury's formula:
+///
+/// ```text
+/// Q- = Q + Z (1 - J Z)^-1 Z^T      Z = Q J^T
+/// ```
+///
+/// `None` where its rows are many, or are all that holds something.
+fn directions_without_few(
+    network: &Network,
+    covariance: &mut Covariance<'_>,
+    source: Source,
+    a: &DMatrix<f64>,
+    found: &[Direction],
+) -> Option<Vec<Direction>> {
+    let system = &network.model.system;
+    let groups: Vec<_> = network.model.groups_of(source).collect();
+    let rows: usize = groups.iter().map(|group| system.rows(*group)).sum();
+    if rows > MOST_ROWS_OUT {
+        return None;
+    }
+    let mut transposed = DMatrix::zeros(a.nrows(), rows);
+    let mut row = 0;
+    for seen in groups.iter().flat_map(|group| covariance.jacobians(*group)) {
+        let count = seen.first().map_or(0, |(_, jacobian)| jacobian.nrows());
+        for (block, jacobian) in &seen {
+            let start = system.range_of(*block)?.start;
+            transposed.view_mut((start, row), (jacobian.ncols(), count)).copy_from(&jacobian.transpose());
+        }
+        row += count;
+    }
+    let z = covariance.times(&transposed);
+    let left = DMatrix::identity(rows, rows) - transposed.tr_mul(&z);
+    let eigen = left.clone().symmetric_eigenvalues();
+    if eigen.iter().any(|value| *value < LEAST_LEFT) {
+        return None;
+    }
+    let inverse = left.try_inverse()?;
+    let direction = |(vehicle, direction): (usize, &Direction)| {
+        let moved = &z * (&inverse * z.tr_mul(&a.column(vehicle)));
+        let step: Vec<f64> = direction.step.iter().zip(moved.iter()).map(|(d, m)| d + m).collect();
+        let variance = direction.variance + a.column(vehicle).dot(&moved.column(0));
+        let conventions = share(network, Source::Convention, &step, variance);
+        Direction { step, variance, conventions }
+    };
+    Some(found.iter().enumerate().map(direction).collect())
+}
+
+/// Adds to each scale its standard deviation without each of these sources, by a factorisation for each. The
+/// system comes back as it was.
+pub fn leave_out(
+    network: &mut Network,
+    scales: &mut [Scale],
+    sources: &[Source],
+    a: &DMatrix<f64>,
+    variance_factor: f64,
+) {
+    for source in sources {
+        let groups: Vec<_> = network.model.groups_of(*source).collect();
         let before: Vec<f64> = groups.iter().map(|group| network.model.system.sigma_factor(*group)).collect();
         for group in &groups {
             network.model.system.set_sigma_factor(*group, LEFT_OUT);
@@ -180,16 +256,15 @@ pub fn scales(
         for (group, factor) in groups.iter().zip(before) {
             network.model.system.set_sigma_factor(*group, factor);
         }
-        for scale in &mut scales {
+        for scale in scales.iter_mut() {
             let sigma = match &without {
-                Ok(without) => sigma_of(&without[scale.vehicle]),
+                Ok(without) => sigma_of(&without[scale.vehicle], variance_factor),
                 Err(_) => f64::INFINITY,
             };
-            scale.without.push((source, sigma));
+            scale.without.push((*source, sigma));
+            scale.without.sort_by_key(|(source, _)| *source);
         }
     }
-    scales.retain(|scale| estimate.vehicles[scale.vehicle].left_out.is_none());
-    Ok(scales)
 }
 
 /// Factors of a system as it is weighed now.
@@ -217,20 +292,20 @@ impl Solver {
 
 /// `J^T e` for an error `e` that all rows of a source have in common, of one standard deviation; `None` where
 /// that is no error it can have.
-fn common_error(network: &Network, normal: &Normal, source: Source) -> Option<Vec<f64>> {
+fn common_error(network: &Network, covariance: &Covariance<'_>, source: Source) -> Option<Vec<f64>> {
     let Network { model, .. } = network;
     let mut sum = vec![0.0; model.system.pattern().size()];
     match source {
         Source::Terrain => {
             for (group, shifts) in &model.ground_shift {
                 let rows = shifts.iter().flat_map(|shift| [*shift, 0.0, 0.0]);
-                add(&mut sum, &model.system.transposed_product(*group, normal, &rows.collect::<Vec<_>>()));
+                add(&mut sum, &covariance.transposed_product(*group, &rows.collect::<Vec<_>>()));
             }
         }
         Source::KnownHeight | Source::KnownPoint => {
             for group in model.groups_of(source) {
                 let error = vec![1.0; model.system.rows(group)];
-                add(&mut sum, &model.system.transposed_product(group, normal, &error));
+                add(&mut sum, &covariance.transposed_product(group, &error));
             }
         }
         _ => return None,
@@ -243,16 +318,10 @@ fn add(sum: &mut [f64], part: &[f64]) {
 }
 
 /// How far a step moves the middle of a shape in the world: root mean square over the frames \[m\].
-fn track_shift(
-    estimate: &Estimate,
-    network: &Network,
-    weights: &[Vec<f64>],
-    vehicle: usize,
-    step: &[f64],
-) -> f64 {
+fn track_shift(estimate: &Estimate, network: &Network, vehicle: usize, step: &[f64]) -> f64 {
     let frame = &network.frames[vehicle];
     let system = &network.model.system;
-    let weights = &weights[vehicle];
+    let weights = &frame.weights;
     let middle = middle(&frame.points, weights);
     let sum: f64 = weights.iter().sum();
     let mut of_middle = Vector3::zeros();

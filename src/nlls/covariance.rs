@@ -67,6 +67,11 @@ impl<'a> Covariance<'a> {
         product
     }
 
+    /// `J^T z` of a group; see [`System::transposed_product`].
+    pub fn transposed_product(&self, group: GroupId, z: &[f64]) -> Vec<f64> {
+        self.system.transposed_product(group, &self.normal, z)
+    }
+
     /// The measurements of a group, linearised; see [`SelectedInverse::jacobians`].
     pub fn jacobians(&self, group: GroupId) -> Vec<Vec<(BlockId, DMatrix<f64>)>> {
         SelectedInverse::jacobians(self.system, &self.normal, group)

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! leave every image point as it is. Ground under the origin, known heights and known points hold some of
-//! these directions. `G` are six of them, one a column, so scaled that the points of the shape move by 1 m
-//! (root of the sum of squares over all of them is 1 m times the root of their number); of their information
+//! these directions. `G` are six of them, one a column, orthonormal in the
+//! weighted shifts of the points (a point that is hardly determined must not blur the frame of all others); of their information
 //! from everything but image points and motion,
 //!
 //! ```text
@@ -20,14 +20,14 @@
 //! the shape (Baarda's S-transformation),
 //!
 //! ```text
-//! Q' = S Q S^T      S = 1 - G (B^T G)^-1 B^T      B: the rows of the shape in G
+//! Q' = S Q S^T      S = 1 - G B^T      B = W G in the rows of the shape, W the weights of the points
 //! ```
 //!
 //! by which no single point, and no frame of the film, is free of error.
 
 use super::model::{Model, Source};
-use crate::estimate::Estimate;
-use crate::geometry::Pose;
+use crate::estimate::{Estimate, VehicleEstimate};
+use crate::geometry::{Pose, rotation::exp};
 use crate::nlls::system::{BlockId, Values};
 use crate::problem::Problem;
 use nalgebra::{DMatrix, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
@@ -52,6 +52,9 @@ pub struct BodyFrame {
     pub known: Vec<(f64, Vector6<f64>)>,
     /// Points that count: index and place \[m\].
     pub points: Vec<(usize, Point3<f64>)>,
+    /// What each of them weighs, one in the mean: the inverse of the variance that it would have were all
+    /// poses known. (With the frame, or the scale, it would be that of what holds these.)
+    pub weights: Vec<f64>,
     /// Points and axes whose coordinates hold the open directions.
     pub anchors: Vec<(usize, usize)>,
 }
@@ -85,9 +88,11 @@ fn body_frame(estimate: &Estimate, model: &Model, values: &Values, vehicle: usiz
         points.clear();
     }
     if points.len() < 3 {
-        return BodyFrame { points, ..BodyFrame::default() };
+        let weights = vec![1.0; points.len()];
+        return BodyFrame { points, weights, ..BodyFrame::default() };
     }
-    let generators = generators(&points);
+    let weights = weights(model, values, vehicle, &points);
+    let generators = generators(&points, &weights);
     let steps: Vec<Vec<f64>> = generators.iter().map(|g| step_of(estimate, model, vehicle, g)).collect();
     let mut information = Matrix6::zeros();
     for source in [Source::Terrain, Source::KnownHeight, Source::KnownPoint] {
@@ -113,12 +118,34 @@ fn body_frame(estimate: &Estimate, model: &Model, values: &Values, vehicle: usiz
     let is_free = |point: usize, axis: usize| {
         model.shape_point(vehicle, point).is_some_and(|block| model.system.free(block)[axis])
     };
-    let anchors = anchors(&points, &open, &is_free);
-    BodyFrame { open, known, points, anchors }
+    let anchors = anchors(&points, &weights, &open, &is_free);
+    BodyFrame { open, known, points, weights, anchors }
 }
 
-/// Six directions that move the points orthogonally to each other, each by 1 m over all of them.
-fn generators(points: &[(usize, Point3<f64>)]) -> [Vector6<f64>; 6] {
+fn weights(model: &Model, values: &Values, vehicle: usize, points: &[(usize, Point3<f64>)]) -> Vec<f64> {
+    let system = &model.system;
+    let block = |point: usize| model.shape_point(vehicle, point).expect("a point that counts");
+    let blocks: Vec<BlockId> = points.iter().map(|(point, _)| block(*point)).collect();
+    let of_point = |(block, mut normal): (&BlockId, DMatrix<f64>)| {
+        for (at, _) in system.free(*block).iter().enumerate().filter(|(_, free)| !**free) {
+            // Known exactly.
+            normal[(at, at)] = 1.0 / (EXACT * EXACT);
+        }
+        normal.try_inverse().map_or(0.0, |inverse| 1.0 / inverse.trace())
+    };
+    let mut weights: Vec<f64> =
+        blocks.iter().zip(system.own_normals(&blocks, values)).map(of_point).collect();
+    let mean = weights.iter().sum::<f64>() / weights.len() as f64;
+    if mean > 0.0 && mean.is_finite() {
+        weights.iter_mut().for_each(|weight| *weight /= mean);
+    } else {
+        weights.fill(1.0);
+    }
+    weights
+}
+
+/// Six directions, orthonormal in the weighted shifts of the points.
+fn generators(points: &[(usize, Point3<f64>)], weights: &[f64]) -> [Vector6<f64>; 6] {
     let middle: Vector3<f64> =
         points.iter().map(|(_, p)| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
     let mut plain = [Vector6::zeros(); 6];
@@ -132,7 +159,8 @@ fn generators(points: &[(usize, Point3<f64>)]) -> [Vector6<f64>; 6] {
     }
     // Gram-Schmidt in the motions of the points.
     let motion = |g: &Vector6<f64>| -> Vec<f64> {
-        points.iter().flat_map(|(_, p)| <[f64; 3]>::from(point_motion(g, p))).collect()
+        let shift = |((_, p), w): (&(usize, Point3<f64>), &f64)| point_motion(g, p) * w.sqrt();
+        points.iter().zip(weights).flat_map(|pair| <[f64; 3]>::from(shift(pair))).collect()
     };
     let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
     let mut out: Vec<Vector6<f64>> = Vec::new();
@@ -213,11 +241,12 @@ fn add_products(information: &mut Matrix6<f64>, rows: &[Vec<f64>]) {
 /// As many coordinates as directions, each the one that sees most of what the others leave open.
 fn anchors(
     points: &[(usize, Point3<f64>)],
+    weights: &[f64],
     open: &[Vector6<f64>],
     is_free: &dyn Fn(usize, usize) -> bool,
 ) -> Vec<(usize, usize)> {
     let mut left = DMatrix::from_fn(3 * points.len(), open.len(), |row, column| {
-        point_motion(&open[column], &points[row / 3].1)[row % 3]
+        point_motion(&open[column], &points[row / 3].1)[row % 3] * weights[row / 3].sqrt()
     });
     let mut chosen = Vec::new();
     for _ in 0..open.len() {
@@ -234,4 +263,39 @@ fn anchors(
         left -= seen * direction;
     }
     chosen
+}
+
+impl BodyFrame {
+    /// The shift and turn along open directions that lays a shape on another one, weighted: what a change of
+    /// the shape has of a mere change of its frame. To first order.
+    fn change(&self, before: &[Option<Point3<f64>>], after: &[Option<Point3<f64>>]) -> Vector6<f64> {
+        let mut change = Vector6::zeros();
+        for direction in &self.open {
+            let part: f64 = self
+                .points
+                .iter()
+                .zip(&self.weights)
+                .filter_map(|((at, place), weight)| {
+                    let moved = after[*at]? - before[*at]?;
+                    Some(weight * point_motion(direction, place).dot(&moved))
+                })
+                .sum();
+            change += direction * part;
+        }
+        change
+    }
+
+    /// Takes from the shape of a vehicle what it has of a mere change of its frame since `before`, so that
+    /// its frame is where it was: inner constraints on the change of the shape.
+    pub fn restore(&self, before: &VehicleEstimate, found: &mut VehicleEstimate) {
+        // What is left after one is of second order.
+        for _ in 0..2 {
+            let change = self.change(&before.points, &found.points);
+            let (shift, turn) =
+                (change.fixed_rows::<3>(0).into_owned(), change.fixed_rows::<3>(3).into_owned());
+            let body_from_moved = Pose::from_parts(shift.into(), exp(&turn));
+            found.points.iter_mut().flatten().for_each(|p| *p = body_from_moved.inverse_transform_point(p));
+            found.poses.iter_mut().flatten().for_each(|pose| *pose *= body_from_moved);
+        }
+    }
 }

@@ -50,7 +50,7 @@ impl Default for Film {
             target_px: 1.0,
             survey_m: 0.02,
             ground_m: 0.02,
-            tilt_rad: 0.01,
+            tilt_rad: 0.003,
             correlation_s: 1.0,
             mark_m: 0.01,
             drift_mps: 0.2,
