@@ -10,7 +10,7 @@ use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::nlls::system::{GroupId, Values};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjusted, MotionPriors, Network, RefineOptions, Source, adjust};
+use trackbundle::refine::{Adjusted, Arrangement, MotionPriors, Network, RefineOptions, Source, adjust};
 
 fn problem(drive: &Drive) -> Problem {
     let folder = tempfile::tempdir().unwrap();
@@ -245,4 +245,28 @@ fn check_points_agree_within_their_sigmas() {
     // Ten values of chi-square of three degrees: their mean has a standard deviation of 0.8.
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     assert!((1.0..5.6).contains(&mean), "{mean}");
+}
+
+#[test]
+fn vehicles_that_are_judged_one_by_one_have_upper_bounds() {
+    let problem = longer();
+    let start = initialise(&problem, Method::RobustWhereNeeded).unwrap().estimate;
+    let with = |arrangement| {
+        let options = RefineOptions { arrangement, ..Default::default() };
+        let mut adjusted = adjust(&problem, &start, &options, None).unwrap();
+        diagnose(&problem, &mut adjusted).unwrap().unwrap()
+    };
+    let (together, apart) = (with(Arrangement::Together), with(Arrangement::Apart));
+    assert!(!together.is_upper_bound && apart.is_upper_bound);
+    let sigmas = |of: &Diagnosis| -> Vec<f64> {
+        let tracks = of.precision.tracks.iter().flatten().flatten().flat_map(|t| t.position_m);
+        let points = of.precision.points.iter().flatten().flatten().flatten().copied();
+        tracks.chain(points).collect()
+    };
+    let (exact, bound) = (sigmas(&together), sigmas(&apart));
+    assert_eq!(exact.len(), bound.len());
+    for (exact, bound) in exact.iter().zip(&bound) {
+        assert!(*bound > 0.98 * exact && *bound < 2.0 * exact, "{exact} {bound}");
+    }
+    assert_eq!(apart.scales.iter().map(|s| s.vehicle).collect::<Vec<_>>(), [0, 1]);
 }

@@ -3,6 +3,7 @@
 use super::Failure;
 use super::options::{Opened, OutputOptions};
 use super::output::{counted, describe_resection, grouped, print};
+use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::Loss;
 use crate::refine::{Excluded, Fits};
@@ -55,6 +56,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0, &Excluded::nothing(&problem));
     let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
+    let open = observability(&problem, &initial.estimate);
+    report.add_observability(&open);
     report.warnings.splice(0..0, warnings);
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
@@ -76,6 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             );
         }
         text += &describe_resection(initial.resection.as_ref());
+        text += &describe(&open);
         text += &format!("robust fit  of {}\n", counted(initial.robust_points, "point"));
         text += &format!("result      {}\n", folder.display());
         print(&text)?;

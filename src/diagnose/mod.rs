@@ -21,8 +21,12 @@ pub use verdict::{Trust, Verdict};
 use crate::estimate::Estimate;
 use crate::nlls::covariance::{Covariance, NoCovariance};
 use crate::problem::Problem;
-use crate::refine::{Adjusted, Network, Source};
+use crate::refine::{Adjusted, Network, Source, alone};
 use inner::{Inner, UNDETERMINED};
+use observability::{Observability, observability};
+
+/// The most image points whose rows are examined for what they leave open: some kilobytes each.
+const MOST_EXAMINED: usize = 300_000;
 
 /// What can be said of a result.
 #[derive(Clone, Debug)]
@@ -33,6 +37,10 @@ pub struct Diagnosis {
     pub statistics: Statistics,
     /// What determined the scale of each vehicle that was adjusted.
     pub scales: Vec<Scale>,
+    /// What measurements and knowledge leave open, by name; `None` where image points are too many.
+    pub observability: Option<Observability>,
+    /// Whether vehicles were judged one by one, so that standard deviations are upper bounds.
+    pub is_upper_bound: bool,
     /// Check points.
     pub check_points: Vec<CheckPoint>,
     /// For each vehicle how many directions of its frame are a convention, and the standard deviations of the
@@ -42,11 +50,56 @@ pub struct Diagnosis {
 
 /// Diagnoses a result; `None` where it has no final least squares.
 pub fn diagnose(problem: &Problem, adjusted: &mut Adjusted) -> Option<Result<Diagnosis, NoCovariance>> {
-    let Adjusted { estimate, adjustment, network } = adjusted;
-    let network = network.as_mut()?;
     // Without redundancy the standard deviations stated are all that is known.
-    let variance = adjustment.sigma0.map_or(1.0, |sigma0| sigma0 * sigma0);
-    Some(of_network(problem, estimate, network, variance))
+    let variance = adjusted.adjustment.sigma0.map_or(1.0, |sigma0| sigma0 * sigma0);
+    let Adjusted { estimate, network, .. } = adjusted;
+    let mut found = match of_network(problem, estimate, network.as_mut()?, variance) {
+        Err(NoCovariance::NotSelected) => vehicle_by_vehicle(problem, adjusted, variance),
+        found => found,
+    };
+    let vehicles = problem.vehicles.iter().map(|vehicle| vehicle.observations.len());
+    let image_points = vehicles.sum::<usize>() + problem.target_observations.len();
+    if let Ok(found) = &mut found
+        && image_points <= MOST_EXAMINED
+    {
+        found.observability = Some(observability(problem, &adjusted.estimate));
+    }
+    Some(found)
+}
+
+/// The same where vehicles are too many for one covariance: each with cameras and targets, as if the others
+/// had not been seen. What these say of the cameras is left out, so that all variances are upper bounds; of
+/// cameras and targets the least is taken.
+fn vehicle_by_vehicle(
+    problem: &Problem,
+    adjusted: &Adjusted,
+    variance: f64,
+) -> Result<Diagnosis, NoCovariance> {
+    let mut all: Option<Diagnosis> = None;
+    for vehicle in 0..problem.vehicles.len() {
+        let Some((own, estimate, mut network)) = alone(problem, adjusted, vehicle) else { continue };
+        let mut found = of_network(&own, &estimate, &mut network, variance)?;
+        found.scales.iter_mut().for_each(|scale| scale.vehicle = vehicle);
+        match &mut all {
+            None => all = Some(found),
+            Some(all) => all.join(found),
+        }
+    }
+    let mut all = all.ok_or(NoCovariance::NotSelected)?;
+    all.is_upper_bound = true;
+    all.statistics.set_test(&adjusted.adjustment);
+    Ok(all)
+}
+
+impl Diagnosis {
+    /// Adds the diagnosis of another vehicle under the same cameras.
+    fn join(&mut self, other: Diagnosis) {
+        let Diagnosis { precision, statistics, scales, frames, .. } = other;
+        self.precision.join(precision);
+        self.statistics.join(statistics);
+        self.scales.extend(scales);
+        self.frames.extend(frames);
+    }
 }
 
 fn of_network(
@@ -84,7 +137,8 @@ fn of_network(
         .map(|frame| (frame.open.len(), frame.known.iter().map(|known| known.0).collect()))
         .collect();
     scale::leave_out(network, &mut scales, &left, &functionals, variance);
-    Ok(Diagnosis { precision, statistics, scales, check_points, frames })
+    let (observability, is_upper_bound) = (None, false);
+    Ok(Diagnosis { precision, statistics, scales, observability, is_upper_bound, check_points, frames })
 }
 
 /// A source in the user's words.

@@ -45,6 +45,31 @@ pub struct Precision {
     pub tracks: Vec<Vec<Option<TrackPrecision>>>,
 }
 
+impl Precision {
+    /// Adds the vehicles of another, and takes the lesser standard deviations of cameras and targets.
+    pub(super) fn join(&mut self, other: Precision) {
+        let Precision { cameras, vehicles, points, targets, tracks } = other;
+        let square = |sigmas: &[f64; 3]| sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>();
+        for (own, other) in self.cameras.iter_mut().zip(cameras) {
+            if let (Some(a), Some(b)) = (&own, &other)
+                && square(&b.position_m) < square(&a.position_m)
+            {
+                *own = other;
+            }
+        }
+        for (own, other) in self.targets.iter_mut().zip(targets) {
+            if let (Some(a), Some(b)) = (&own, &other)
+                && square(b) < square(a)
+            {
+                *own = other;
+            }
+        }
+        self.vehicles.extend(vehicles);
+        self.points.extend(points);
+        self.tracks.extend(tracks);
+    }
+}
+
 /// Standard deviations of an estimate.
 pub fn precision(problem: &Problem, estimate: &Estimate, inner: &Inner<'_>) -> Precision {
     let model = &inner.network.model;

@@ -18,7 +18,7 @@ use super::distribution::{chi_square_exceeded, chi_square_quantile};
 use crate::nlls::covariance::Covariance;
 use crate::nlls::system::GroupId;
 use crate::problem::Problem;
-use crate::refine::{Network, Source};
+use crate::refine::{Adjustment, Network, Source};
 
 /// Non-centrality at which a test of level 0.1 % finds an error in 80 % of cases.
 pub const NON_CENTRALITY: f64 = 4.13;
@@ -119,6 +119,36 @@ pub struct Statistics {
     pub vehicles: Vec<Reliability>,
     /// That of the image points of targets.
     pub targets: Reliability,
+}
+
+impl Statistics {
+    /// Adds the vehicles of another under the same cameras and targets.
+    pub(super) fn join(&mut self, other: Statistics) {
+        for component in other.components {
+            let is_own =
+                matches!(component.source, Source::VehicleImages | Source::Terrain | Source::VehicleMotion)
+                    || matches!(component.source, Source::KnownHeight | Source::KnownPoint);
+            match self.components.iter_mut().find(|own| own.source == component.source) {
+                Some(own) if is_own => {
+                    own.rows += component.rows;
+                    own.redundancy += component.redundancy;
+                    own.squares += component.squares;
+                }
+                // Cameras and targets are the same ones.
+                Some(_) => {}
+                None => self.components.push(component),
+            }
+        }
+        self.components.sort_by_key(|component| component.source);
+        self.redundancy_numbers = self.components.iter().map(|c| c.redundancy).sum();
+        self.vehicles.extend(other.vehicles);
+    }
+
+    /// Takes the test of sigma0 from the adjustment of all.
+    pub(super) fn set_test(&mut self, adjustment: &Adjustment) {
+        let redundancy = adjustment.redundancy as f64;
+        self.test = adjustment.sigma0.and_then(|s| VarianceTest::new(s * s * redundancy, redundancy));
+    }
 }
 
 /// One row of an image point.

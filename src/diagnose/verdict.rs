@@ -1,5 +1,6 @@
 //! Whether a result can be trusted, and why, in some ten lines.
 
+use super::observability::{Class, Observability};
 use super::{Diagnosis, Source, source_name};
 use crate::problem::Problem;
 use crate::refine::Adjustment;
@@ -12,6 +13,8 @@ const WORTH_A_WORD: f64 = 0.05;
 const IMPROBABLE: f64 = 0.001;
 /// By what the scatter of image points may differ from their stated standard deviations without a word.
 const OTHER_SCATTER: f64 = 1.1;
+/// The most directions that are named.
+const MOST_NAMES: usize = 4;
 /// A share of gross errors that calls for a look.
 const MANY_GROSS: f64 = 0.3;
 
@@ -55,16 +58,51 @@ impl Verdict {
         if !adjustment.stop.converged() {
             verdict.lower(Trust::No, format!("the adjustment has not converged: {}", adjustment.stop));
         }
+        if let Some(found) = &diagnosis.observability {
+            verdict.add_datum(found);
+        }
         verdict.add_scales(problem, diagnosis);
         verdict.add_precision(problem, diagnosis);
         verdict.add_images(adjustment, diagnosis);
         verdict.add_check_points(diagnosis);
+        if diagnosis.is_upper_bound {
+            let text = "standard deviations are upper bounds: vehicles were judged one by one".to_owned();
+            verdict.facts.push(("sigmas", text));
+        }
         verdict
     }
 
     fn lower(&mut self, to: Trust, reason: String) {
         self.trust = self.trust.max(to);
         self.reasons.push(reason);
+    }
+
+    fn add_datum(&mut self, found: &Observability) {
+        let named = |class: Class| {
+            let names: Vec<&str> =
+                found.directions.iter().filter(|d| d.class == class).map(|d| d.name.as_str()).collect();
+            match names.len() {
+                0 => String::new(),
+                n if n > MOST_NAMES => {
+                    format!("{} and {} more", names[..MOST_NAMES].join(" / "), n - MOST_NAMES)
+                }
+                _ => names.join(" / "),
+            }
+        };
+        let mut text = format!("{} of {} unknowns determined", found.rank, found.unknowns);
+        for (class, word) in [(Class::Null, "open"), (Class::Weak, "weak (ratio below 1e-3)")] {
+            let names = named(class);
+            if !names.is_empty() {
+                text += &format!("; {word}: {names}");
+            }
+        }
+        self.facts.push(("datum", text));
+        if found.defect != found.expected_defect {
+            self.lower(
+                Trust::WithCare,
+                format!("{} directions are open where theory has {}", found.defect, found.expected_defect),
+            );
+        }
     }
 
     fn add_scales(&mut self, problem: &Problem, diagnosis: &Diagnosis) {
@@ -190,7 +228,7 @@ impl Verdict {
             self.facts.push((
                 "reliability",
                 format!(
-                    "errors of an image point from {:.1} px are found; the worst that is not moves a result by {worst:.1} sigma",
+                    "errors of an image point from {:.1} px are found; the worst that is not found moves a result by {worst:.1} sigma",
                     median(detectable)
                 ),
             ));

@@ -14,6 +14,7 @@
 //! Before the first round, between rounds and after the last, whole tracks and frames are judged
 //! ([`gross_errors`]); what is gross as a whole is left out, and what was left out and fits comes back.
 
+mod alone;
 mod body_frame;
 mod datum;
 mod gross_errors;
@@ -22,6 +23,7 @@ mod motion;
 mod outcome;
 mod reversal;
 
+pub use alone::alone;
 use body_frame::body_frames;
 pub use body_frame::{BodyFrame, OPEN_M, point_motion, pose_motion};
 pub use datum::scale_gap;

@@ -1,5 +1,6 @@
 //! The part of `report.json` that says how far a result can be trusted.
 
+use crate::diagnose::observability::{Class, Observability};
 use crate::diagnose::{Diagnosis, Reliability, Verdict, source_name};
 use crate::problem::Problem;
 use serde::{Serialize, Serializer};
@@ -79,6 +80,60 @@ pub struct ReliabilityReport {
     pub beyond_critical: usize,
     /// The largest standardised residual.
     pub largest_standardised: f64,
+}
+
+/// What measurements and knowledge leave open.
+#[derive(Clone, Debug, Serialize)]
+pub struct ObservabilityReport {
+    /// How many numbers are unknown.
+    pub unknowns: usize,
+    /// How many of their combinations are determined, weak ones too.
+    pub rank: usize,
+    /// How many are not.
+    pub defect: usize,
+    /// How many should not be, by theory.
+    pub expected_defect: usize,
+    /// Whether singular values were computed, not only what theory names.
+    pub decomposed: bool,
+    /// What is open or weak.
+    pub directions: Vec<DirectionReport>,
+}
+
+/// A direction.
+#[derive(Clone, Debug, Serialize)]
+pub struct DirectionReport {
+    /// What it is.
+    pub name: String,
+    /// `null` or `weak`.
+    pub class: &'static str,
+    /// What rows see of it, as a share of what they see best.
+    pub singular_ratio: f64,
+    /// What holds it in the adjustment nevertheless.
+    pub held_by: Option<&'static str>,
+}
+
+/// What is left open.
+pub fn observability_report(found: &Observability) -> ObservabilityReport {
+    ObservabilityReport {
+        unknowns: found.unknowns,
+        rank: found.rank,
+        defect: found.defect,
+        expected_defect: found.expected_defect,
+        decomposed: found.is_dense,
+        directions: found
+            .directions
+            .iter()
+            .map(|d| DirectionReport {
+                name: d.name.clone(),
+                class: match d.class {
+                    Class::Null => "null",
+                    Class::Weak => "weak",
+                },
+                singular_ratio: d.singular_ratio,
+                held_by: d.held_by,
+            })
+            .collect(),
+    }
 }
 
 /// What determined the scale of a vehicle.

@@ -1,9 +1,11 @@
 //! `report.json`: what was solved and how well, for programs.
 
 use super::diagnosis::{
-    ScaleReport, StatisticsReport, VerdictReport, scale_reports, statistics_report, verdict_report,
+    ObservabilityReport, ScaleReport, StatisticsReport, VerdictReport, observability_report, scale_reports,
+    statistics_report, verdict_report,
 };
 use super::folder::PROGRAM;
+use crate::diagnose::observability::Observability;
 use crate::diagnose::{Diagnosis, Verdict};
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
@@ -64,6 +66,10 @@ pub struct Report {
     pub resection: Option<ResectionReport>,
     /// The final least squares on accepted image points.
     pub least_squares: Option<LeastSquaresReport>,
+    /// Whether vehicles were judged one by one, so that standard deviations are upper bounds.
+    pub sigmas_are_upper_bounds: bool,
+    /// What measurements and knowledge leave open, by name.
+    pub observability: Option<ObservabilityReport>,
     /// Whether the result can be trusted.
     pub verdict: Option<VerdictReport>,
     /// Statistics of that.
@@ -381,6 +387,8 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         not_used: 0,
         resection: None,
         least_squares: None,
+        sigmas_are_upper_bounds: false,
+        observability: None,
         verdict: None,
         statistics: None,
         scales: Vec::new(),
@@ -417,9 +425,16 @@ fn loss_report(loss: &Loss) -> LossReport {
 }
 
 impl Report {
+    /// Adds what measurements leave open of a first estimate.
+    pub fn add_observability(&mut self, found: &Observability) {
+        self.observability = Some(observability_report(found));
+    }
+
     /// Adds what a diagnosis says.
     pub fn add_diagnosis(&mut self, problem: &Problem, diagnosis: &Diagnosis, verdict: &Verdict) {
         self.verdict = Some(verdict_report(verdict));
+        self.observability = diagnosis.observability.as_ref().map(observability_report);
+        self.sigmas_are_upper_bounds = diagnosis.is_upper_bound;
         self.statistics = Some(statistics_report(problem, diagnosis));
         self.scales = scale_reports(problem, diagnosis);
         for (report, found) in self.check_points.iter_mut().zip(&diagnosis.check_points) {

@@ -1,0 +1,60 @@
+//! The final least squares of one vehicle with cameras and targets, as if the others had not been seen.
+
+use super::gross_errors::{Tally, Verdicts};
+use super::model::{Model, Purpose};
+use super::motion::{BodyStrength, MotionPrior, MotionPriors};
+use super::outcome::Fits;
+use super::{Adjusted, Arrangement, Body, Network, RefineOptions};
+use crate::estimate::Estimate;
+use crate::problem::Problem;
+
+/// The problem, the estimate and the least squares of one vehicle alone, at the adjusted unknowns of all;
+/// `None` where there is no final least squares.
+pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(Problem, Estimate, Network)> {
+    let Adjusted { estimate, adjustment, network } = adjusted;
+    let network = network.as_ref()?;
+    // Field by field: the other vehicles are not copied.
+    let own = Problem {
+        name: problem.name.clone(),
+        camera: problem.camera.clone(),
+        frames: problem.frames.clone(),
+        vehicle_pose_sigma: problem.vehicle_pose_sigma,
+        ground: problem.ground.clone(),
+        camera_poses: problem.camera_poses.clone(),
+        camera_pose_sigma: problem.camera_pose_sigma,
+        targets: problem.targets.clone(),
+        target_observations: problem.target_observations.clone(),
+        vehicles: vec![problem.vehicles[vehicle].clone()],
+    };
+    let found = Estimate {
+        camera_poses: estimate.camera_poses.clone(),
+        vehicles: vec![estimate.vehicles[vehicle].clone()],
+        targets: estimate.targets.clone(),
+        terrain_bias_m: estimate.terrain_bias_m,
+    };
+    let fits = Fits {
+        vehicles: vec![adjustment.fits.vehicles[vehicle].clone()],
+        targets: adjustment.fits.targets.clone(),
+        verdicts: Verdicts::default(),
+        tally: Tally::default(),
+        outliers: 0,
+        behind_camera: 0,
+        not_used: 0,
+    };
+    let prior = |body: Body| {
+        let of_body = |strength: &&BodyStrength| strength.body == body;
+        adjustment.motion.iter().find(of_body).map_or(MotionPrior::Off, |s| MotionPrior::Given(s.strength))
+    };
+    let motion = MotionPriors {
+        camera: prior(Body::Camera),
+        vehicle: prior(Body::Vehicle(problem.vehicles[vehicle].id.clone())),
+    };
+    let options = RefineOptions { motion, arrangement: Arrangement::Together, ..Default::default() };
+    let frames = vec![network.frames[vehicle].clone()];
+    let purpose = Purpose::Statistics { fits: &fits, frames: &frames };
+    let mut model = Model::new(&own, &found, &found, &options, purpose);
+    model.set_image_factors(network.model.image_factors());
+    model.loosen_conventions();
+    let values = model.system.start().clone();
+    Some((own, found, Network { model, values, frames }))
+}
