@@ -457,7 +457,12 @@ fn a_point_without_a_good_image_point_gets_no_coordinates_and_stops_nothing() {
         let lost = problem.vehicles[0].points.iter().position(|p| p.id == "lost").unwrap();
         assert!(end.vehicles[0].points[lost].is_none());
         assert!(adjustment.warnings.iter().any(|w| w.ends_with("no coordinates: lost")));
-        assert!(adjustment.fits.outliers >= 3 && adjustment.stop.converged(), "{:?}", adjustment.stop);
+        assert!(
+            adjustment.fits.outliers >= 3 && adjustment.stop.converged(),
+            "{:?} {:?}",
+            adjustment.stop,
+            adjustment.fits.tally
+        );
         assert!(track_error(&end, &problem, 0, &truth) < 0.03);
     }
 }

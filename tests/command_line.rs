@@ -292,3 +292,59 @@ fn output_that_cannot_be_written_is_an_error() {
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("standard output"));
 }
+
+/// Keys of all objects, but of those whose keys are names of things.
+fn keys(value: &serde_json::Value, found: &mut std::collections::BTreeSet<String>) {
+    const BY_NAME: [&str; 6] = ["shares", "sigma_without", "common_error", "vehicles", "seconds", "rejected"];
+    match value {
+        serde_json::Value::Object(map) => {
+            for (key, value) in map {
+                found.insert(key.clone());
+                match value {
+                    serde_json::Value::Object(inner) if BY_NAME.contains(&key.as_str()) => {
+                        inner.values().for_each(|value| keys(value, found));
+                    }
+                    value => keys(value, found),
+                }
+            }
+        }
+        serde_json::Value::Array(values) => values.iter().for_each(|value| keys(value, found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn every_key_of_the_report_is_in_the_documents_and_the_other_way_round() {
+    let folder = tempfile::tempdir().unwrap();
+    let (problem, out) = (folder.path().join("problem"), folder.path().join("out"));
+    // With targets of all roles, and without camera poses.
+    let drive = support::drive::Drive { frames: 40, targets: 14, check: 3, ..Default::default() };
+    drive.write(&problem);
+    std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
+    let mut found = std::collections::BTreeSet::new();
+    program().arg("refine").arg(&problem).arg("--no-rrd").arg("--out").arg(&out).assert().success();
+    let text = std::fs::read_to_string(out.join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(report["schema"], 1);
+    keys(&report, &mut found);
+    let documents = std::fs::read_to_string(support::in_package("docs/formats.md")).unwrap();
+    let start = documents.find("### `report.json`").unwrap();
+    let section = &documents[start..start + documents[start..].find("## Exit codes").unwrap()];
+    let documented: std::collections::BTreeSet<&str> =
+        section.split('`').skip(1).step_by(2).filter(|word| !word.contains('"')).collect();
+    for key in &found {
+        assert!(documented.contains(key.as_str()), "{key} is not in docs/formats.md");
+    }
+    // Values, reasons and words of which there may be none.
+    let values =
+        ["report.json", "converged", "iteration_limit", "stalled", "initialised", "yes", "with care", "no"];
+    let values = [
+        values.as_slice(),
+        &["null", "weak", "image_point", "track", "frame", "no_coordinates", "check_point"],
+    ]
+    .concat();
+    let of_directions = ["class", "singular_ratio", "held_by"];
+    for word in documented.iter().filter(|word| !values.contains(word) && !of_directions.contains(word)) {
+        assert!(found.contains(*word), "{word} is in docs/formats.md and not in the report");
+    }
+}

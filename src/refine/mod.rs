@@ -128,7 +128,7 @@ const SETTLED: f64 = 1.15;
 /// Image points of other standard deviations than stated, by more than this factor, weigh what they prove
 /// to be worth.
 const REWEIGHTED: f64 = 1.1;
-/// ... but by no less and no more than these: data without noise prove nothing.
+/// ... unless it is beyond these: data without noise prove nothing.
 const WEIGHED_WITHIN: [f64; 2] = [0.2, 100.0];
 /// Rows of image points from which that can be said.
 const LEAST_IMAGE_ROWS: usize = 200;
@@ -272,11 +272,13 @@ pub fn adjust(
                 .to_owned(),
         ));
     }
+    let whole = estimate.clone();
     let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);
     let robust = estimate.clone();
     let network = run.least_squares(&mut estimate, &fits)?;
     let fits = match network {
-        Some(_) => Fits::new(problem, &estimate, chosen, spread, &excluded),
+        // Image points of points that were dropped stay the gross errors that they were.
+        Some(_) => Fits::new(problem, &with_points_of(&estimate, &whole), chosen, spread, &excluded),
         None => fits,
     };
     let end = outcome::End {
@@ -292,6 +294,15 @@ pub fn adjust(
     let mut adjustment = outcome::summarise(problem, start, &estimate, end);
     adjustment.warnings.extend(dropped);
     Ok(Adjusted { estimate, adjustment, network })
+}
+
+/// An estimate with the points that it lacks from another.
+fn with_points_of(estimate: &Estimate, other: &Estimate) -> Estimate {
+    let mut whole = estimate.clone();
+    for (vehicle, other) in whole.vehicles.iter_mut().zip(&other.vehicles) {
+        vehicle.points.iter_mut().zip(&other.points).for_each(|(point, other)| *point = point.or(*other));
+    }
+    whole
 }
 
 /// Turns the frames of vehicles that nothing else turns, so that their x axes point where they drive: a
@@ -410,9 +421,11 @@ impl Run<'_> {
             let trace: f64 =
                 covariance.leverages(group).chunks_exact(4).map(|block| block[0] + block[3]).sum();
             let change = (squares / (rows as f64 - trace).max(1.0)).sqrt();
-            let factor = (factors[at] * change).clamp(WEIGHED_WITHIN[0], WEIGHED_WITHIN[1]);
-            let change = factor / factors[at];
-            if rows >= LEAST_IMAGE_ROWS && factor.max(1.0 / factor) > REWEIGHTED {
+            let factor = factors[at] * change;
+            if rows >= LEAST_IMAGE_ROWS
+                && factor.max(1.0 / factor) > REWEIGHTED
+                && (WEIGHED_WITHIN[0]..WEIGHED_WITHIN[1]).contains(&factor)
+            {
                 weighed[at] = factor;
                 largest = largest.max(change).max(1.0 / change);
             }

@@ -173,7 +173,9 @@ impl Model {
         let mut groups: Vec<GroupId> = knowledge.iter().map(|(_, group)| *group).collect();
         let mut sources = vec![(Source::VehicleImages, images[0]), (Source::TargetImages, images[1])];
         sources.extend(knowledge);
-        let starting = Starting { start, cameras: &cameras, vehicles: &vehicles };
+        // Frames may have been turned since, and must not be pulled back.
+        let now = matches!(purpose, Purpose::Statistics { .. }).then_some(current);
+        let starting = Starting { start, now, cameras: &cameras, vehicles: &vehicles };
         let poses = add_starting_poses(&mut builder, problem, &starting, &blocks, options.motion);
         let of_cameras =
             if problem.camera_pose_sigma.is_unknown() { Source::Convention } else { Source::CameraPoses };
@@ -699,6 +701,8 @@ fn add_tie_points(
 /// Starting poses and how they are treated.
 struct Starting<'a> {
     start: &'a Estimate,
+    /// Where vehicles are held instead.
+    now: Option<&'a Estimate>,
     cameras: &'a Treatment,
     vehicles: &'a [Treatment],
 }
@@ -706,7 +710,7 @@ struct Starting<'a> {
 fn add_starting_poses(
     builder: &mut SystemBuilder,
     problem: &Problem,
-    Starting { start, cameras, vehicles }: &Starting,
+    Starting { start, now, cameras, vehicles }: &Starting,
     blocks: &Blocks,
     priors: MotionPriors,
 ) -> [GroupId; 3] {
@@ -729,7 +733,8 @@ fn add_starting_poses(
         // Where no pose is given, those that were found say where in the body its origin is, no more.
         let found = start.vehicles[at].poses.iter().zip(vehicle.frames_without_pose());
         let found: Vec<_> = found.map(|(pose, without)| pose.filter(|_| without)).collect();
-        let starts = if vehicle.has_no_poses() { &found } else { &vehicle.poses };
+        let given = if vehicle.has_no_poses() { &found } else { &vehicle.poses };
+        let starts = now.map_or(given, |now| &now.vehicles[at].poses);
         for ((block, start), camera) in blocks.poses.iter().zip(starts).zip(cameras) {
             if let (Some(block), Some(start)) = (*block, *start) {
                 let residual = PosePrior { start, axes: datum::ray_axes(camera, &start) };
