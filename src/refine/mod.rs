@@ -12,7 +12,7 @@
 //! 4. **final**: all strengths fixed, to full accuracy.
 //!
 //! Before the first round, between rounds and after the last, whole tracks and frames are judged
-//! ([`gross_errors`]); what is gross as a whole is left out, and what was left out and fits comes back.
+//! (`gross_errors`); what is gross as a whole is left out, and what was left out and fits comes back.
 
 mod alone;
 mod body_frame;
