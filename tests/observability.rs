@@ -234,6 +234,13 @@ impl Scene {
         }
     }
 
+    /// What is seen of the first vehicle, from where the cameras are now.
+    fn see_anew(&mut self) {
+        for o in std::mem::take(&mut self.problem.vehicles[0].observations) {
+            see(&mut self.problem, &self.estimate, 0, o.frame, o.point);
+        }
+    }
+
     fn expect_scale_and_frame(&mut self, vehicle: usize) {
         self.expect(format!("scale of {}", self.id(vehicle)));
         self.expect_body_frame(vehicle);
@@ -701,10 +708,7 @@ fn a_flight_that_is_nearly_level_holds_the_scale_weakly() {
             scene.estimate.camera_poses[frame].translation.vector += up;
             scene.problem.camera_poses[frame] = Some(scene.estimate.camera_poses[frame]);
         }
-        let seen = std::mem::take(&mut scene.problem.vehicles[0].observations);
-        for o in seen {
-            see(&mut scene.problem, &scene.estimate, 0, o.frame, o.point);
-        }
+        scene.see_anew();
         let found = observability(&scene.problem, &scene.estimate);
         assert_eq!([found.defect, found.expected_defect], [3, 3]);
         assert!(weak_names(&found).contains(&"scale of car1".to_owned()), "{}", describe(&found));
@@ -724,10 +728,7 @@ fn a_camera_that_nearly_follows_leaves_depths_weak() {
         scene.estimate.camera_poses[frame].translation.vector += step;
         scene.problem.camera_poses[frame] = Some(scene.estimate.camera_poses[frame]);
     }
-    let seen = std::mem::take(&mut scene.problem.vehicles[0].observations);
-    for o in seen {
-        see(&mut scene.problem, &scene.estimate, 0, o.frame, o.point);
-    }
+    scene.see_anew();
     let found = observability(&scene.problem, &scene.estimate);
     scene.expect_scale_and_frame(0);
     assert_eq!([found.defect, found.expected_defect], [7, 7], "{}", describe(&found));

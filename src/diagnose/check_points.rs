@@ -11,60 +11,48 @@
 
 use super::distribution::chi_square_exceeded;
 use crate::estimate::Estimate;
-use crate::initialise::intersect_target;
 use crate::nlls::covariance::Covariance;
 use crate::nlls::manifold::write_pose;
 use crate::nlls::residual::{Jacobian, Residual};
-use crate::problem::{Problem, Role};
-use crate::refine::Network;
+use crate::problem::Problem;
+use crate::refine::{CheckPoint, Network};
 use crate::residuals::target_image_point::TargetImagePoint;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::sync::Arc;
 
-/// A check point.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CheckPoint {
-    /// Its id.
-    pub id: String,
-    /// Intersected minus surveyed \[m\]; `None` where its rays do not meet.
-    pub difference_m: Option<Vector3<f64>>,
+/// How well a check point agrees.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CheckPrecision {
     /// Standard deviation of the difference: of cameras, image points and survey \[m\].
     pub sigma_m: Option<[f64; 3]>,
     /// Chi-square of the difference, of three degrees of freedom, and the probability of a larger one.
     pub chi_square: Option<(f64, f64)>,
 }
 
-/// The check points of a problem.
+/// One for each check point.
 pub fn check_points(
     problem: &Problem,
     estimate: &Estimate,
+    found: &[CheckPoint],
     network: &Network,
     covariance: &mut Covariance<'_>,
     variance_factor: f64,
-) -> Vec<CheckPoint> {
-    let mut found = Vec::new();
-    for (at, target) in problem.targets.iter().enumerate() {
-        let Some(surveyed) = target.surveyed().filter(|_| target.role == Role::Check) else { continue };
-        let place = intersect_target(problem, &estimate.camera_poses, at);
-        let difference_m = place.map(|place| place - surveyed);
-        let of_place = place
-            .and_then(|place| of_intersection(problem, estimate, network, covariance, at, &place))
-            .map(|of_place| of_place * variance_factor);
+) -> Vec<CheckPrecision> {
+    let mut precision = |check: &CheckPoint| {
+        let target = &problem.targets[check.target];
+        let difference_m = check.difference_m?;
+        let place = target.surveyed()? + difference_m;
+        let of_place = of_intersection(problem, estimate, network, covariance, check.target, &place)?;
         let survey = Vector3::from(target.known.map(|known| known.map_or(0.0, |k| k.sigma_m * k.sigma_m)));
-        let all = of_place.map(|of_place| of_place + Matrix3::from_diagonal(&survey));
-        let chi_square = all.and_then(|all| {
-            let difference = difference_m?;
-            let value = difference.dot(&(all.try_inverse()? * difference));
-            Some((value, chi_square_exceeded(value, 3.0)))
+        let all = of_place * variance_factor + Matrix3::from_diagonal(&survey);
+        let chi_square = all.try_inverse().map(|inverse| {
+            let value = difference_m.dot(&(inverse * difference_m));
+            (value, chi_square_exceeded(value, 3.0))
         });
-        found.push(CheckPoint {
-            id: target.id.clone(),
-            difference_m,
-            sigma_m: all.map(|all| [0, 1, 2].map(|axis| all[(axis, axis)].max(0.0).sqrt())),
-            chi_square,
-        });
-    }
-    found
+        let sigma_m = Some([0, 1, 2].map(|axis| all[(axis, axis)].max(0.0).sqrt()));
+        Some(CheckPrecision { sigma_m, chi_square })
+    };
+    found.iter().map(|check| precision(check).unwrap_or_default()).collect()
 }
 
 /// Covariance of an intersected target, for a variance of unit weight of 1.

@@ -15,7 +15,7 @@
 
 use crate::nlls::covariance::Covariance;
 use crate::nlls::system::BlockId;
-use crate::refine::{Network, Source, point_motion, pose_motion};
+use crate::refine::{BodyFrame, Network, Source, point_motion, pose_motion};
 use nalgebra::{DMatrix, DVector, Vector6};
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ pub const UNDETERMINED: f64 = 0.5;
 /// The covariance of a network.
 pub struct Inner<'a> {
     pub network: &'a Network,
-    pub covariance: Covariance<'a>,
+    covariance: Covariance<'a>,
     /// Variance of unit weight.
     variance: f64,
     bodies: Vec<Body>,
@@ -34,9 +34,9 @@ pub struct Inner<'a> {
 }
 
 struct Body {
-    /// Orthonormal in the weighted shifts of points.
     open: Vec<Vector6<f64>>,
-
+    /// `B`, over all unknowns.
+    shape: DMatrix<f64>,
     /// `Y` and `B^T Y`.
     times: DMatrix<f64>,
     square: DMatrix<f64>,
@@ -44,7 +44,7 @@ struct Body {
     marker: Option<(BlockId, DMatrix<f64>)>,
     /// The direction of an undetermined scale, so long that its square is the variance that conventions
     /// leave it, and its part in the open directions.
-    scale: Option<(Vec<f64>, DVector<f64>)>,
+    scale: Option<(DVector<f64>, DVector<f64>)>,
 }
 
 /// A block in the covariance of several: how it moves with the open directions of its body.
@@ -77,6 +77,21 @@ impl Joint {
     }
 }
 
+/// The weighted shifts of the points of a vehicle along its open directions: `B`.
+fn shape_rows(network: &Network, vehicle: usize, frame: &BodyFrame) -> DMatrix<f64> {
+    let system = &network.model.system;
+    let mut columns = DMatrix::zeros(system.pattern().size(), frame.open.len());
+    for ((point, place), weight) in frame.points.iter().zip(&frame.weights) {
+        let block = network.model.shape_point(vehicle, *point).expect("a point that counts");
+        let Some(range) = system.range_of(block) else { continue };
+        for (k, direction) in frame.open.iter().enumerate() {
+            let moved = point_motion(direction, place) * *weight;
+            columns.view_mut((range.start, k), (3, 1)).copy_from(&moved);
+        }
+    }
+    columns
+}
+
 impl<'a> Inner<'a> {
     /// The covariance of `network`, of which `markers` are the points whose tracks are wanted.
     pub fn new(
@@ -85,50 +100,20 @@ impl<'a> Inner<'a> {
         variance: f64,
         markers: &[Option<usize>],
     ) -> Self {
-        let n = network.model.system.pattern().size();
-        let mut sides = DMatrix::zeros(n, 0);
-        let mut counts = Vec::new();
-        for (vehicle, frame) in network.frames.iter().enumerate() {
-            let mut columns = DMatrix::zeros(n, frame.open.len() + 3);
-            for (k, direction) in frame.open.iter().enumerate() {
-                for ((point, place), weight) in frame.points.iter().zip(&frame.weights) {
-                    let block = network.model.shape_point(vehicle, *point).expect("a point that counts");
-                    let range = network.model.system.range_of(block);
-                    if let Some(range) = range {
-                        let moved = point_motion(direction, place) * *weight;
-                        columns.view_mut((range.start, k), (3, 1)).copy_from(&moved);
-                    }
-                }
-            }
+        let body = |(vehicle, frame): (usize, &BodyFrame)| {
+            let shape = shape_rows(network, vehicle, frame);
+            let times = covariance.times(&shape);
+            let square = shape.tr_mul(&times);
             let marker = markers[vehicle].and_then(|point| network.model.shape_point(vehicle, point));
-            let marker_range = marker.and_then(|block| network.model.system.range_of(block));
-            let used = match &marker_range {
-                Some(range) => {
-                    for axis in 0..3 {
-                        columns[(range.start + axis, frame.open.len() + axis)] = 1.0;
-                    }
-                    frame.open.len() + 3
-                }
-                None => frame.open.len(),
-            };
-            counts.push((used, marker.filter(|_| marker_range.is_some())));
-            let at = sides.ncols();
-            sides = sides.insert_columns(at, used, 0.0);
-            sides.columns_mut(at, used).copy_from(&columns.columns(0, used));
-        }
-        let solved = covariance.times(&sides);
-        let mut at = 0;
-        let bodies = network.frames.iter().zip(counts);
-        let bodies = bodies
-            .map(|(frame, (used, marker))| {
-                let k = frame.open.len();
-                let times = solved.columns(at, k).into_owned();
-                let square = sides.columns(at, k).transpose() * &times;
-                let marker = marker.map(|block| (block, solved.columns(at + k, 3).into_owned()));
-                at += used;
-                Body { open: frame.open.clone(), times, square, marker, scale: None }
-            })
-            .collect();
+            let marker = marker.and_then(|block| {
+                let range = network.model.system.range_of(block)?;
+                let mut units = DMatrix::zeros(shape.nrows(), range.len());
+                units.rows_mut(range.start, range.len()).fill_with_identity();
+                Some((block, covariance.times(&units)))
+            });
+            Body { open: frame.open.clone(), shape, times, square, marker, scale: None }
+        };
+        let bodies = network.frames.iter().enumerate().map(body).collect();
         let mut inner = Inner { network, covariance, variance, bodies, conventions: BTreeMap::new() };
         inner.find_conventions();
         inner
@@ -159,20 +144,10 @@ impl<'a> Inner<'a> {
     /// Says that conventions leave the scale of a vehicle undetermined: its direction `Q a`, of variance
     /// `a^T Q a`.
     pub fn set_undetermined_scale(&mut self, vehicle: usize, direction: &[f64], variance: f64) {
-        let z: Vec<f64> = direction.iter().map(|z| z / variance.sqrt()).collect();
-        let frame = &self.network.frames[vehicle];
-        let body = &self.bodies[vehicle];
-        let mut of_open = DVector::zeros(body.open.len());
-        for (k, open) in body.open.iter().enumerate() {
-            for ((point, place), weight) in frame.points.iter().zip(&frame.weights) {
-                let block = self.network.model.shape_point(vehicle, *point).expect("a point that counts");
-                if let Some(range) = self.network.model.system.range_of(block) {
-                    let moved = point_motion(open, place) * *weight;
-                    of_open[k] += z[range].iter().zip(moved.iter()).map(|(a, b)| a * b).sum::<f64>();
-                }
-            }
-        }
-        self.bodies[vehicle].scale = Some((z, of_open));
+        let z = DVector::from_column_slice(direction) / variance.sqrt();
+        let body = &mut self.bodies[vehicle];
+        let of_open = body.shape.tr_mul(&z);
+        body.scale = Some((z, of_open));
     }
 
     /// A camera or target: no frame of a body moves it.
@@ -241,7 +216,7 @@ impl<'a> Inner<'a> {
                 conventions += &moved * moved.transpose();
             }
             if let Some((direction, of_open)) = &body.scale {
-                let along = DVector::from_column_slice(&direction[of_a.clone()]) - &a.motion * of_open;
+                let along = direction.rows(of_a.start, of_a.len()) - &a.motion * of_open;
                 z.rows_mut(row, of_a.len()).copy_from(&along);
             }
             row += of_a.len();

@@ -12,7 +12,7 @@ mod scale;
 mod statistics;
 mod verdict;
 
-pub use check_points::CheckPoint;
+pub use check_points::CheckPrecision;
 pub use precision::{PosePrecision, Precision, TrackPrecision};
 pub use scale::{CommonError, Scale};
 pub use statistics::{Component, Reliability, Statistics, VarianceTest};
@@ -21,7 +21,7 @@ pub use verdict::{Trust, Verdict};
 use crate::estimate::Estimate;
 use crate::nlls::covariance::{Covariance, NoCovariance};
 use crate::problem::Problem;
-use crate::refine::{Adjusted, Network, Source, alone};
+use crate::refine::{Adjusted, CheckPoint, Network, Source, alone};
 use inner::{Inner, UNDETERMINED};
 use observability::{Observability, observability};
 
@@ -41,8 +41,8 @@ pub struct Diagnosis {
     pub observability: Option<Observability>,
     /// Whether vehicles were judged one by one, so that standard deviations are upper bounds.
     pub is_upper_bound: bool,
-    /// Check points.
-    pub check_points: Vec<CheckPoint>,
+    /// How well check points agree, in the order of the adjustment.
+    pub check_points: Vec<CheckPrecision>,
     /// For each vehicle how many directions of its frame are a convention, and the standard deviations of the
     /// six from what is known: root mean square over the points \[m\], worst first.
     pub frames: Vec<(usize, Vec<f64>)>,
@@ -52,8 +52,9 @@ pub struct Diagnosis {
 pub fn diagnose(problem: &Problem, adjusted: &mut Adjusted) -> Option<Result<Diagnosis, NoCovariance>> {
     // Without redundancy the standard deviations stated are all that is known.
     let variance = adjusted.adjustment.sigma0.map_or(1.0, |sigma0| sigma0 * sigma0);
-    let Adjusted { estimate, network, .. } = adjusted;
-    let mut found = match of_network(problem, estimate, network.as_mut()?, variance) {
+    let Adjusted { estimate, adjustment, network } = adjusted;
+    let checks = &adjustment.check_points;
+    let mut found = match of_network(problem, estimate, network.as_mut()?, checks, variance) {
         Err(NoCovariance::NotSelected) => vehicle_by_vehicle(problem, adjusted, variance),
         found => found,
     };
@@ -78,7 +79,9 @@ fn vehicle_by_vehicle(
     let mut all: Option<Diagnosis> = None;
     for vehicle in 0..problem.vehicles.len() {
         let Some((own, estimate, mut network)) = alone(problem, adjusted, vehicle) else { continue };
-        let mut found = of_network(&own, &estimate, &mut network, variance)?;
+        // Once is enough.
+        let checks = if all.is_none() { adjusted.adjustment.check_points.as_slice() } else { &[] };
+        let mut found = of_network(&own, &estimate, &mut network, checks, variance)?;
         found.scales.iter_mut().for_each(|scale| scale.vehicle = vehicle);
         match &mut all {
             None => all = Some(found),
@@ -106,6 +109,7 @@ fn of_network(
     problem: &Problem,
     estimate: &Estimate,
     network: &mut Network,
+    checks: &[CheckPoint],
     variance: f64,
 ) -> Result<Diagnosis, NoCovariance> {
     let mut covariance = Covariance::new(&network.model.system, &network.values)?;
@@ -115,7 +119,8 @@ fn of_network(
     let statistics = statistics::statistics(problem, network, &covariance);
     let (mut scales, left) =
         scale::scales(estimate, network, &mut covariance, (&functionals, &directions), variance);
-    let check_points = check_points::check_points(problem, estimate, network, &mut covariance, variance);
+    let check_points =
+        check_points::check_points(problem, estimate, checks, network, &mut covariance, variance);
     let markers: Vec<Option<usize>> = problem
         .vehicles
         .iter()

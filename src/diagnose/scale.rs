@@ -18,15 +18,12 @@
 
 use super::inner::UNDETERMINED;
 use crate::estimate::Estimate;
-use crate::nlls::covariance::{Covariance, NoCovariance};
-use crate::nlls::linear::cholesky::Singular;
-use crate::nlls::system::{Accuracy, Curvature, Factors, Normal};
+use crate::nlls::covariance::{Covariance, Undamped};
 use crate::refine::{Network, Source};
 use nalgebra::{DMatrix, Point3, Vector3};
 
 /// By what the standard deviations of a source are multiplied that is left out.
 const LEFT_OUT: f64 = 1e5;
-
 /// A source of no more rows than this is left out without a factorisation ...
 const MOST_ROWS_OUT: usize = 16;
 /// ... unless no more than this share of a row is checked by others.
@@ -62,13 +59,6 @@ pub struct Direction {
     pub variance: f64,
     /// The share that comes from conventions.
     pub conventions: f64,
-}
-
-impl Scale {
-    /// The source of the largest share.
-    pub fn largest(&self) -> Option<(Source, f64)> {
-        self.shares.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))
-    }
 }
 
 /// `a` of each vehicle, a column each; zero where there is no shape.
@@ -249,10 +239,8 @@ pub fn leave_out(
         for group in &groups {
             network.model.system.set_sigma_factor(*group, LEFT_OUT);
         }
-        let without = Solver::new(network).map(|mut solver| {
-            let solved = solver.solve(network, a);
-            directions(network, a, &solved)
-        });
+        let without = Undamped::new(&network.model.system, &network.values)
+            .map(|mut undamped| directions(network, a, &undamped.times(a)));
         for (group, factor) in groups.iter().zip(before) {
             network.model.system.set_sigma_factor(*group, factor);
         }
@@ -264,29 +252,6 @@ pub fn leave_out(
             scale.without.push((*source, sigma));
             scale.without.sort_by_key(|(source, _)| *source);
         }
-    }
-}
-
-/// Factors of a system as it is weighed now.
-struct Solver {
-    normal: Normal,
-    factors: Factors,
-}
-
-impl Solver {
-    fn new(network: &Network) -> Result<Self, NoCovariance> {
-        let system = &network.model.system;
-        let (mut normal, mut factors) = (system.normal(), Factors::new(system)?);
-        system.linearise(&network.values, Curvature::PLAIN, &mut normal).ok_or(Singular)?;
-        factors.factorise(system, &mut normal, &vec![0.0; system.pattern().size()])?;
-        Ok(Solver { normal, factors })
-    }
-
-    fn solve(&mut self, network: &Network, b: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut x = b.clone();
-        let system = &network.model.system;
-        self.factors.solve(system, &self.normal, Accuracy::Exact, x.as_mut_slice());
-        x
     }
 }
 

@@ -196,12 +196,12 @@ pub fn statistics(problem: &Problem, network: &Network, covariance: &Covariance<
     components.sort_by_key(|component| component.source);
     let redundancy_numbers = components.iter().map(|c| c.redundancy).sum();
     let squares: f64 = components.iter().map(|c| c.squares).sum();
-    let [of_vehicles, of_targets] = image_rows(problem, network, covariance);
+    let (of_vehicles, of_targets) = image_rows(problem, network, covariance);
     Statistics {
         redundancy_numbers,
         test: VarianceTest::new(squares, redundancy_numbers),
         vehicles: of_vehicles.iter().map(|rows| reliability(rows)).collect(),
-        targets: reliability(of_targets.first().map_or(&[], Vec::as_slice)),
+        targets: reliability(&of_targets),
         components,
     }
 }
@@ -220,37 +220,32 @@ fn of_group(network: &Network, covariance: &Covariance<'_>, group: GroupId) -> (
 }
 
 /// Rows of image points: for each vehicle, and of targets.
-fn image_rows(problem: &Problem, network: &Network, covariance: &Covariance<'_>) -> [Vec<Vec<Row>>; 2] {
+fn image_rows(
+    problem: &Problem,
+    network: &Network,
+    covariance: &Covariance<'_>,
+) -> (Vec<Vec<Row>>, Vec<Row>) {
     let model = &network.model;
-    let [of_vehicles, of_targets] = model.image_groups();
-    let factors = model.image_factors();
-    let mut vehicles: Vec<Vec<Row>> = problem.vehicles.iter().map(|_| Vec::new()).collect();
-    let rows = |group: GroupId| {
+    let of_group = |group: GroupId| {
         let residuals = model.system.residuals(group, &network.values);
         let leverages = covariance.leverages(group);
         residuals.into_iter().zip(leverages.chunks_exact(4).map(|block| [block[0], block[3]]))
     };
-    let row = |(residual, leverage): (f64, f64), sigma_px: f64| Row {
-        redundancy: 1.0 - leverage,
-        residual,
-        sigma_px,
+    let rows = |(residual, leverage): (Option<Vec<f64>>, [f64; 2]), sigma_px: f64| {
+        let rows = residual.into_iter().flatten().zip(leverage);
+        rows.map(move |(residual, leverage)| Row { redundancy: 1.0 - leverage, residual, sigma_px })
     };
-    for (found, &(vehicle, item)) in rows(of_vehicles).zip(&model.vehicle_items) {
-        let (Some(residual), leverage) = found else { continue };
+    let [in_vehicles, in_targets] = model.image_groups();
+    let factors = model.image_factors();
+    let mut of_vehicles: Vec<Vec<Row>> = problem.vehicles.iter().map(|_| Vec::new()).collect();
+    for (found, &(vehicle, item)) in of_group(in_vehicles).zip(&model.vehicle_items) {
         let sigma_px = problem.vehicles[vehicle].observations[item].sigma_px * factors[0];
-        for k in 0..2 {
-            vehicles[vehicle].push(row((residual[k], leverage[k]), sigma_px));
-        }
+        of_vehicles[vehicle].extend(rows(found, sigma_px));
     }
-    let mut targets = Vec::new();
-    for (found, &item) in rows(of_targets).zip(&model.target_items) {
-        let (Some(residual), leverage) = found else { continue };
-        let sigma_px = problem.target_observations[item].sigma_px * factors[1];
-        for k in 0..2 {
-            targets.push(row((residual[k], leverage[k]), sigma_px));
-        }
-    }
-    [vehicles, vec![targets]]
+    let of_targets = of_group(in_targets)
+        .zip(&model.target_items)
+        .flat_map(|(found, &item)| rows(found, problem.target_observations[item].sigma_px * factors[1]));
+    (of_vehicles, of_targets.collect())
 }
 
 fn reliability(rows: &[Row]) -> Reliability {

@@ -64,7 +64,7 @@ impl Verdict {
         verdict.add_scales(problem, diagnosis);
         verdict.add_precision(problem, diagnosis);
         verdict.add_images(adjustment, diagnosis);
-        verdict.add_check_points(diagnosis);
+        verdict.add_check_points(adjustment, diagnosis);
         if diagnosis.is_upper_bound {
             let text = "standard deviations are upper bounds: vehicles were judged one by one".to_owned();
             verdict.facts.push(("sigmas", text));
@@ -235,18 +235,19 @@ impl Verdict {
         }
     }
 
-    fn add_check_points(&mut self, diagnosis: &Diagnosis) {
+    fn add_check_points(&mut self, adjustment: &Adjustment, diagnosis: &Diagnosis) {
+        let found = &adjustment.check_points;
         let differences: Vec<f64> =
-            diagnosis.check_points.iter().filter_map(|c| Some(c.difference_m?.norm_squared())).collect();
+            found.iter().filter_map(|check| Some(check.difference_m?.norm_squared())).collect();
         if differences.is_empty() {
             return;
         }
         let rms_m = (differences.iter().sum::<f64>() / differences.len() as f64).sqrt();
-        let improbable: Vec<&str> = diagnosis
-            .check_points
+        let improbable: Vec<&str> = found
             .iter()
-            .filter(|c| c.chi_square.is_some_and(|(_, probability)| probability < IMPROBABLE))
-            .map(|c| c.id.as_str())
+            .zip(&diagnosis.check_points)
+            .filter(|(_, p)| p.chi_square.is_some_and(|(_, probability)| probability < IMPROBABLE))
+            .map(|(check, _)| check.id.as_str())
             .collect();
         let mut text = format!("{} points, rms {}", differences.len(), centimetres(rms_m));
         if !improbable.is_empty() {

@@ -21,43 +21,21 @@ pub enum NoCovariance {
     NotSelected,
 }
 
-/// Covariance of unknowns whose measurements have the standard deviations stated (a variance of unit weight
-/// of 1). A pose is perturbed as [`super::manifold`] says: position \[m\] along the axes of the world,
-/// attitude \[rad\] about the axes of the body.
-pub struct Covariance<'a> {
+/// The factors of the normal matrix of a system at one state, neither damped nor scaled.
+pub struct Undamped<'a> {
     system: &'a System,
-    values: &'a Values,
     normal: Normal,
     factors: Factors,
-    selected: SelectedInverse,
 }
 
-impl<'a> Covariance<'a> {
-    /// The covariance at `values`.
-    pub fn new(system: &'a System, values: &'a Values) -> Result<Self, NoCovariance> {
+impl<'a> Undamped<'a> {
+    /// The factors at `values`.
+    pub fn new(system: &'a System, values: &Values) -> Result<Self, NoCovariance> {
         let mut normal = system.normal();
         let mut factors = Factors::new(system)?;
         system.linearise(values, Curvature::PLAIN, &mut normal).ok_or(Singular)?;
-        let undamped = vec![0.0; system.pattern().size()];
-        factors.factorise(system, &mut normal, &undamped)?;
-        let selected = SelectedInverse::new(system, values, &normal, &mut factors);
-        let selected = selected.ok_or(NoCovariance::NotSelected)?;
-        Ok(Covariance { system, values, normal, factors, selected })
-    }
-
-    /// The system.
-    pub fn system(&self) -> &'a System {
-        self.system
-    }
-
-    /// The state.
-    pub fn values(&self) -> &'a Values {
-        self.values
-    }
-
-    /// The covariance between two blocks; see [`SelectedInverse::block`].
-    pub fn block(&self, a: BlockId, b: BlockId) -> Option<DMatrix<f64>> {
-        self.selected.block(self.system, a, b)
+        factors.factorise(system, &mut normal, &vec![0.0; system.pattern().size()])?;
+        Ok(Undamped { system, normal, factors })
     }
 
     /// The covariance matrix times each column of `x`.
@@ -66,15 +44,43 @@ impl<'a> Covariance<'a> {
         self.factors.solve(self.system, &self.normal, Accuracy::Exact, product.as_mut_slice());
         product
     }
+}
+
+/// Covariance of unknowns whose measurements have the standard deviations stated (a variance of unit weight
+/// of 1). A pose is perturbed as [`super::manifold`] says: position \[m\] along the axes of the world,
+/// attitude \[rad\] about the axes of the body.
+pub struct Covariance<'a> {
+    undamped: Undamped<'a>,
+    selected: SelectedInverse,
+}
+
+impl<'a> Covariance<'a> {
+    /// The covariance at `values`.
+    pub fn new(system: &'a System, values: &Values) -> Result<Self, NoCovariance> {
+        let mut undamped = Undamped::new(system, values)?;
+        let Undamped { normal, factors, .. } = &mut undamped;
+        let selected = SelectedInverse::new(system, values, normal, factors);
+        Ok(Covariance { selected: selected.ok_or(NoCovariance::NotSelected)?, undamped })
+    }
+
+    /// The covariance between two blocks; see [`SelectedInverse::block`].
+    pub fn block(&self, a: BlockId, b: BlockId) -> Option<DMatrix<f64>> {
+        self.selected.block(self.undamped.system, a, b)
+    }
+
+    /// See [`Undamped::times`].
+    pub fn times(&mut self, x: &DMatrix<f64>) -> DMatrix<f64> {
+        self.undamped.times(x)
+    }
 
     /// `J^T z` of a group; see [`System::transposed_product`].
     pub fn transposed_product(&self, group: GroupId, z: &[f64]) -> Vec<f64> {
-        self.system.transposed_product(group, &self.normal, z)
+        self.undamped.system.transposed_product(group, &self.undamped.normal, z)
     }
 
     /// The measurements of a group, linearised; see [`SelectedInverse::jacobians`].
     pub fn jacobians(&self, group: GroupId) -> Vec<Vec<(BlockId, DMatrix<f64>)>> {
-        SelectedInverse::jacobians(self.system, &self.normal, group)
+        SelectedInverse::jacobians(self.undamped.system, &self.undamped.normal, group)
     }
 
     /// The leverages of a group; see [`SelectedInverse::leverages`].

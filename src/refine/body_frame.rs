@@ -7,15 +7,15 @@
 //! ```
 //!
 //! leave every image point as it is. Ground under the origin, known heights and known points hold some of
-//! these directions. `G` are six of them, one a column, orthonormal in the
-//! weighted shifts of the points (a point that is hardly determined must not blur the frame of all others); of their information
-//! from everything but image points and motion,
+//! these directions. `G` are six of them, one a column, orthonormal in the weighted shifts of the points (one
+//! that is hardly determined must not blur the frame of all others); of their information from everything but
+//! image points and motion,
 //!
 //! ```text
 //! I = sum |J G|^2
 //! ```
 //!
-//! the eigenvectors with a standard deviation above [`OPEN_M`] are open: there the frame is a convention,
+//! the eigenvectors with a standard deviation above 0.1 m are open: there the frame is a convention,
 //! held by as many coordinates of points. Standard deviations are then transformed to inner constraints on
 //! the shape (Baarda's S-transformation),
 //!
@@ -28,13 +28,13 @@
 use super::model::{Model, Source};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
-use crate::nlls::system::{BlockId, Values};
+use crate::nlls::system::{BlockId, OwnNormals, Values};
 use crate::problem::Problem;
 use nalgebra::{DMatrix, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
 /// A direction of a body's frame that is held less well than this is open: root mean square over the points
 /// \[m\].
-pub const OPEN_M: f64 = 0.1;
+const OPEN_M: f64 = 0.1;
 /// Standard deviation of a coordinate that holds an open direction \[m\]: about that of a point, so that
 /// the system stays well conditioned. It has no effect on what is transformed to inner constraints.
 pub const ANCHOR_SIGMA_M: f64 = 0.01;
@@ -44,8 +44,7 @@ const EXACT: f64 = 1e-4;
 /// What is open of the frame of a body, and what holds it.
 #[derive(Clone, Debug, Default)]
 pub struct BodyFrame {
-    /// For each open direction `(v, w)` \[m, rad\], so scaled that the root of the sum of squares of the
-    /// shifts of all points is 1 m, and orthogonal to the others.
+    /// Open directions `(v, w)` \[m, rad\], orthonormal in the weighted shifts of the points.
     pub open: Vec<Vector6<f64>>,
     /// Standard deviation of each of six directions from what is known, and the direction: root mean square
     /// over the points \[m\], worst first.
@@ -74,10 +73,18 @@ pub fn pose_motion(direction: &Vector6<f64>, pose: &Pose) -> Vector6<f64> {
 
 /// The frames of all vehicles at `values`, which are those of `estimate`.
 pub fn body_frames(problem: &Problem, estimate: &Estimate, model: &Model, values: &Values) -> Vec<BodyFrame> {
-    (0..problem.vehicles.len()).map(|vehicle| body_frame(estimate, model, values, vehicle)).collect()
+    let normals = model.system.own_normals(values);
+    let frame = |vehicle| body_frame(estimate, model, values, &normals, vehicle);
+    (0..problem.vehicles.len()).map(frame).collect()
 }
 
-fn body_frame(estimate: &Estimate, model: &Model, values: &Values, vehicle: usize) -> BodyFrame {
+fn body_frame(
+    estimate: &Estimate,
+    model: &Model,
+    values: &Values,
+    normals: &OwnNormals,
+    vehicle: usize,
+) -> BodyFrame {
     let found = &estimate.vehicles[vehicle];
     let place = |(at, point): (usize, &Option<Point3<f64>>)| {
         model.shape_point(vehicle, at)?;
@@ -91,7 +98,7 @@ fn body_frame(estimate: &Estimate, model: &Model, values: &Values, vehicle: usiz
         let weights = vec![1.0; points.len()];
         return BodyFrame { points, weights, ..BodyFrame::default() };
     }
-    let weights = weights(model, values, vehicle, &points);
+    let weights = weights(model, normals, vehicle, &points);
     let generators = generators(&points, &weights);
     let steps: Vec<Vec<f64>> = generators.iter().map(|g| step_of(estimate, model, vehicle, g)).collect();
     let mut information = Matrix6::zeros();
@@ -122,19 +129,17 @@ fn body_frame(estimate: &Estimate, model: &Model, values: &Values, vehicle: usiz
     BodyFrame { open, known, points, weights, anchors }
 }
 
-fn weights(model: &Model, values: &Values, vehicle: usize, points: &[(usize, Point3<f64>)]) -> Vec<f64> {
-    let system = &model.system;
-    let block = |point: usize| model.shape_point(vehicle, point).expect("a point that counts");
-    let blocks: Vec<BlockId> = points.iter().map(|(point, _)| block(*point)).collect();
-    let of_point = |(block, mut normal): (&BlockId, DMatrix<f64>)| {
-        for (at, _) in system.free(*block).iter().enumerate().filter(|(_, free)| !**free) {
+fn weights(model: &Model, normals: &OwnNormals, vehicle: usize, points: &[(usize, Point3<f64>)]) -> Vec<f64> {
+    let of_point = |(point, _): &(usize, Point3<f64>)| {
+        let block = model.shape_point(vehicle, *point).expect("a point that counts");
+        let mut normal = normals.of(block).clone();
+        for (at, _) in model.system.free(block).iter().enumerate().filter(|(_, free)| !**free) {
             // Known exactly.
             normal[(at, at)] = 1.0 / (EXACT * EXACT);
         }
         normal.try_inverse().map_or(0.0, |inverse| 1.0 / inverse.trace())
     };
-    let mut weights: Vec<f64> =
-        blocks.iter().zip(system.own_normals(&blocks, values)).map(of_point).collect();
+    let mut weights: Vec<f64> = points.iter().map(of_point).collect();
     let mean = weights.iter().sum::<f64>() / weights.len() as f64;
     if mean > 0.0 && mean.is_finite() {
         weights.iter_mut().for_each(|weight| *weight /= mean);
@@ -179,7 +184,7 @@ fn generators(points: &[(usize, Point3<f64>)], weights: &[f64]) -> [Vector6<f64>
 }
 
 /// The step in which the frame of a vehicle moves, in elimination order.
-pub fn step_of(estimate: &Estimate, model: &Model, vehicle: usize, direction: &Vector6<f64>) -> Vec<f64> {
+fn step_of(estimate: &Estimate, model: &Model, vehicle: usize, direction: &Vector6<f64>) -> Vec<f64> {
     let mut step = vec![0.0; model.system.pattern().size()];
     let mut write = |block: Option<BlockId>, delta: &[f64]| {
         if let Some(range) = block.and_then(|block| model.system.range_of(block)) {

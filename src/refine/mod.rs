@@ -25,7 +25,7 @@ mod reversal;
 
 pub use alone::alone;
 use body_frame::body_frames;
-pub use body_frame::{BodyFrame, OPEN_M, point_motion, pose_motion};
+pub use body_frame::{BodyFrame, point_motion, pose_motion};
 pub use datum::scale_gap;
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
@@ -272,13 +272,12 @@ pub fn adjust(
                 .to_owned(),
         ));
     }
-    let whole = estimate.clone();
-    let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);
     let robust = estimate.clone();
+    let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);
     let network = run.least_squares(&mut estimate, &fits)?;
     let fits = match network {
         // Image points of points that were dropped stay the gross errors that they were.
-        Some(_) => Fits::new(problem, &with_points_of(&estimate, &whole), chosen, spread, &excluded),
+        Some(_) => Fits::new(problem, &with_points_of(&estimate, &robust), chosen, spread, &excluded),
         None => fits,
     };
     let end = outcome::End {
@@ -369,8 +368,7 @@ impl Run<'_> {
         self.values = model.system.start().clone();
         self.minimiser = Minimiser::new(&model.system)?;
         let robust = std::mem::replace(&mut self.model, model);
-        let name = "least squares";
-        let mut minimum = self.round(name, LEAST_SQUARES_ENDED, ROUND_ITERATIONS);
+        let mut minimum = self.round("least squares", LEAST_SQUARES_ENDED, ROUND_ITERATIONS);
         for _ in 0..MOST_REWEIGHTINGS {
             if !self.reweigh() {
                 break;

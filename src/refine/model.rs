@@ -111,11 +111,9 @@ pub struct Model {
     pub target_items: Vec<usize>,
     /// What a shift of the ground by one standard deviation does to the first row of contacts, whitened: of
     /// first and of next contacts.
-    pub ground_shift: [(GroupId, Vec<f64>); 2],
+    pub ground_shift: Vec<(GroupId, Vec<f64>)>,
     /// Groups of image points: of vehicles, of targets.
     images: [GroupId; 2],
-    /// Every other group whose rows are observations of their own, but those of motion.
-    priors: Vec<GroupId>,
     /// Groups whose rows together weigh as much as one observation of a few numbers, and how many
     /// numbers that is.
     datum: Vec<GroupId>,
@@ -170,7 +168,6 @@ impl Model {
             add_images(&mut builder, problem, &blocks, purpose);
         let highest_points = highest_points(problem, current);
         let knowledge = add_knowledge(&mut builder, problem, &blocks, &highest_points);
-        let mut groups: Vec<GroupId> = knowledge.iter().map(|(_, group)| *group).collect();
         let mut sources = vec![(Source::VehicleImages, images[0]), (Source::TargetImages, images[1])];
         sources.extend(knowledge);
         // Frames may have been turned since, and must not be pulled back.
@@ -196,12 +193,10 @@ impl Model {
             Purpose::Statistics { .. } => 0,
         };
         let pose_rows = camera_rows + vehicle_rows;
-        let mut ground_shift = [(images[0], Vec::new()), (images[0], Vec::new())];
+        let mut ground_shift = Vec::new();
         if let Some(ground) = &problem.ground {
             ground_shift = add_contacts(&mut builder, problem, ground, current, &blocks, &mut warnings);
-            let contacts = [ground_shift[0].0, ground_shift[1].0];
-            groups.extend(contacts);
-            sources.extend(contacts.map(|group| (Source::Terrain, group)));
+            sources.extend(ground_shift.iter().map(|(group, _)| (Source::Terrain, *group)));
         }
         sources.push((Source::Convention, add_body_boxes(&mut builder, &blocks)));
         if let Purpose::Statistics { frames, .. } = purpose {
@@ -235,7 +230,6 @@ impl Model {
             target_items,
             ground_shift,
             images,
-            priors: groups,
             datum: poses.into_iter().chain([shapes]).collect(),
             datum_rows: pose_rows + shape_rows,
             blocks,
@@ -339,7 +333,16 @@ impl Model {
     pub fn prior_rows(&self, values: &Values) -> (usize, f64) {
         let squares =
             |group: GroupId| -> f64 { self.system.squared_norms(group, values).into_iter().flatten().sum() };
-        let counted: Vec<GroupId> = self.priors.iter().copied().chain(self.motion.groups()).collect();
+        const COUNTED: [Source; 6] = [
+            Source::Survey,
+            Source::Terrain,
+            Source::KnownHeight,
+            Source::KnownPoint,
+            Source::CameraMotion,
+            Source::VehicleMotion,
+        ];
+        let counted = self.sources.iter().filter(|(source, _)| COUNTED.contains(source));
+        let counted: Vec<GroupId> = counted.map(|(_, group)| *group).collect();
         let rows: usize = counted.iter().map(|group| self.system.rows(*group)).sum();
         let rows = rows - CONTACT_ROWS * self.lost_contacts(values);
         (rows + self.datum_rows, counted.iter().chain(&self.datum).map(|group| squares(*group)).sum())
@@ -347,11 +350,9 @@ impl Model {
 
     /// How many contacts with the ground have no residual, because a pose went where none is.
     pub fn lost_contacts(&self, values: &Values) -> usize {
-        let lost = |group: &GroupId| {
-            self.system.squared_norms(*group, values).into_iter().filter(Option::is_none).count()
-        };
-        // No other of the priors can be without a residual.
-        self.priors.iter().map(lost).sum()
+        let lost =
+            |group| self.system.squared_norms(group, values).into_iter().filter(Option::is_none).count();
+        self.groups_of(Source::Terrain).map(lost).sum()
     }
 
     /// The values of an estimate.
@@ -756,7 +757,7 @@ fn add_contacts(
     current: &Estimate,
     blocks: &Blocks,
     warnings: &mut Vec<String>,
-) -> [(GroupId, Vec<f64>); 2] {
+) -> Vec<(GroupId, Vec<f64>)> {
     let (least_m, least_rad) = LEAST_CONTACT_SIGMA;
     let tilt = ground.tilt_sigma_rad.max(least_rad);
     let sigma = [ground.sigma_m.max(least_m), tilt, tilt];
@@ -805,7 +806,7 @@ fn add_contacts(
         }
     }
     let [of_first, of_next] = shifts;
-    [
+    vec![
         (builder.add_group("first contact with the ground", Loss::Squared, first), of_first),
         (builder.add_group("next contact with the ground", Loss::Squared, next), of_next),
     ]

@@ -184,11 +184,6 @@ impl Motion {
         self.components.iter().any(|c| c.is_estimated)
     }
 
-    /// The groups.
-    pub fn groups(&self) -> impl Iterator<Item = GroupId> {
-        self.components.iter().map(|c| c.group)
-    }
-
     /// The groups and whose they are.
     pub fn bodies(&self) -> impl Iterator<Item = (&Body, GroupId)> {
         self.components.iter().map(|c| (&c.body, c.group))

@@ -169,6 +169,8 @@ pub struct Fits {
 /// A surveyed target that the adjustment did not use.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckPoint {
+    /// Index of the target.
+    pub target: usize,
     /// Its id.
     pub id: String,
     /// Intersected from the adjusted cameras minus surveyed \[m\]; `None` where its rays do not meet.
@@ -396,7 +398,8 @@ fn check_points(problem: &Problem, estimate: &Estimate) -> Vec<CheckPoint> {
     let check = |(at, target): (usize, &Target)| {
         let surveyed = target.surveyed().filter(|_| target.role == Role::Check)?;
         let found = intersect_target(problem, &estimate.camera_poses, at);
-        Some(CheckPoint { id: target.id.clone(), difference_m: found.map(|p| p - surveyed) })
+        let difference_m = found.map(|p| p - surveyed);
+        Some(CheckPoint { target: at, id: target.id.clone(), difference_m })
     };
     problem.targets.iter().enumerate().filter_map(check).collect()
 }

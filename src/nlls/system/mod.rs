@@ -42,6 +42,16 @@ pub struct BlockId(usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GroupId(usize);
 
+/// A normal matrix for every block of a system by itself.
+pub struct OwnNormals(Vec<DMatrix<f64>>);
+
+impl OwnNormals {
+    /// That of a block.
+    pub fn of(&self, block: BlockId) -> &DMatrix<f64> {
+        &self.0[block.0]
+    }
+}
+
 /// A value for every block of a system.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Values(Vec<f64>);
@@ -440,13 +450,13 @@ impl System {
         self.groups[group.0].residuals(self, values)
     }
 
-    /// For each of these blocks `J^T J` by it alone at `values`: its normal matrix, were all others known.
-    pub fn own_normals(&self, blocks: &[BlockId], values: &Values) -> Vec<DMatrix<f64>> {
+    /// `J^T J` by each block alone at `values`: its normal matrix, were all others known.
+    pub fn own_normals(&self, values: &Values) -> OwnNormals {
         let size = |block: &Block| block.manifold.tangent();
         let mut sums: Vec<DMatrix<f64>> =
             self.blocks.iter().map(|block| DMatrix::zeros(size(block), size(block))).collect();
         self.groups.iter().for_each(|group| group.add_own(self, values, &mut sums));
-        blocks.iter().map(|block| sums[block.0].clone()).collect()
+        OwnNormals(sums)
     }
 
     /// `J x` for the whitened, weighted rows of a group at `values`, and `x` in elimination order.

@@ -790,7 +790,9 @@ fn normal_matrices_of_single_blocks_are_those_on_the_diagonal() {
     let film = film(Some(Arrangement::Together), false, Loss::Huber { scale: 3.0 });
     let blocks: Vec<BlockId> =
         (0..whole.blocks.len()).map(BlockId).filter(|b| whole.range_of(*b).is_some()).collect();
-    for (block, found) in blocks.iter().zip(film.own_normals(&blocks, film.start())) {
+    let normals = film.own_normals(film.start());
+    for block in &blocks {
+        let found = normals.of(*block);
         let range = whole.range_of(*block).unwrap();
         for (i, row) in range.clone().enumerate().filter(|(i, _)| whole.free(*block)[*i]) {
             for (j, column) in range.clone().enumerate() {
