@@ -67,7 +67,7 @@ fn of_intersection(
     let system = &network.model.system;
     let camera = Arc::new(problem.camera.clone());
     let mut normal = Matrix3::zeros();
-    let mut of_cameras = DMatrix::zeros(system.pattern().size(), 3);
+    let mut of_cameras = DMatrix::zeros(system.size(), 3);
     for observation in problem.target_observations.iter().filter(|o| o.target == target) {
         let residual = TargetImagePoint { camera: camera.clone(), observed_px: observation.image_px };
         let pose = write_pose(&estimate.camera_poses[observation.frame]);

@@ -80,7 +80,7 @@ impl Joint {
 /// The weighted shifts of the points of a vehicle along its open directions: `B`.
 fn shape_rows(network: &Network, vehicle: usize, frame: &BodyFrame) -> DMatrix<f64> {
     let system = &network.model.system;
-    let mut columns = DMatrix::zeros(system.pattern().size(), frame.open.len());
+    let mut columns = DMatrix::zeros(system.size(), frame.open.len());
     for ((point, place), weight) in frame.points.iter().zip(&frame.weights) {
         let block = network.model.shape_point(vehicle, *point).expect("a point that counts");
         let Some(range) = system.range_of(block) else { continue };

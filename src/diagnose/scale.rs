@@ -64,7 +64,7 @@ pub struct Direction {
 /// `a` of each vehicle, a column each; zero where there is no shape.
 pub fn functionals(estimate: &Estimate, network: &Network) -> DMatrix<f64> {
     let system = &network.model.system;
-    let mut columns = DMatrix::zeros(system.pattern().size(), network.frames.len());
+    let mut columns = DMatrix::zeros(system.size(), network.frames.len());
     for (vehicle, frame) in network.frames.iter().enumerate() {
         if estimate.vehicles[vehicle].left_out.is_some() || frame.points.is_empty() {
             continue;
@@ -259,7 +259,7 @@ pub fn leave_out(
 /// that is no error it can have.
 fn common_error(network: &Network, covariance: &Covariance<'_>, source: Source) -> Option<Vec<f64>> {
     let Network { model, .. } = network;
-    let mut sum = vec![0.0; model.system.pattern().size()];
+    let mut sum = vec![0.0; model.system.size()];
     match source {
         Source::Terrain => {
             for (group, shifts) in &model.ground_shift {

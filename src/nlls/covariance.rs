@@ -34,7 +34,7 @@ impl<'a> Undamped<'a> {
         let mut normal = system.normal();
         let mut factors = Factors::new(system)?;
         system.linearise(values, Curvature::PLAIN, &mut normal).ok_or(Singular)?;
-        factors.factorise(system, &mut normal, &vec![0.0; system.pattern().size()])?;
+        factors.factorise(system, &mut normal, &vec![0.0; system.size()])?;
         Ok(Undamped { system, normal, factors })
     }
 

@@ -270,7 +270,7 @@ impl Minimiser {
         if self.factor_damping > HARDLY_DAMPED {
             system.linearise(values, Curvature::PLAIN, &mut self.normal).ok_or(Singular)?;
             self.linearised = Some(Curvature::PLAIN);
-            let undamped = vec![0.0; self.normal.matrix.size()];
+            let undamped = vec![0.0; system.size()];
             self.factors.factorise(system, &mut self.normal, &undamped)?;
             self.factor_damping = 0.0;
         }

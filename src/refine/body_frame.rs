@@ -185,7 +185,7 @@ fn generators(points: &[(usize, Point3<f64>)], weights: &[f64]) -> [Vector6<f64>
 
 /// The step in which the frame of a vehicle moves, in elimination order.
 fn step_of(estimate: &Estimate, model: &Model, vehicle: usize, direction: &Vector6<f64>) -> Vec<f64> {
-    let mut step = vec![0.0; model.system.pattern().size()];
+    let mut step = vec![0.0; model.system.size()];
     let mut write = |block: Option<BlockId>, delta: &[f64]| {
         if let Some(range) = block.and_then(|block| model.system.range_of(block)) {
             step[range].copy_from_slice(delta);

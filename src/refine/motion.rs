@@ -230,7 +230,7 @@ impl Motion {
             return Ok(1.0);
         }
         let (normal, factors) = minimiser.factors(system, values).map_err(|e| NoSolution(e.to_string()))?;
-        let n = normal.matrix.size();
+        let n = system.size();
         let fewest = estimated.iter().map(|c| system.rows(c.group)).min().unwrap_or(0);
         let probes = (PROBED_ROWS / fewest.max(1)).clamp(2, MOST_PROBES);
         let mut rng = ChaCha8Rng::seed_from_u64(0);

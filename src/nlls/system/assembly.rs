@@ -147,12 +147,11 @@ impl Gather {
     pub fn transposed_product(&self, group: usize, linear: &Linear, z: &[f64], system: &System) -> Vec<f64> {
         let group = &system.groups[group];
         let starts = group.column_starts();
-        let mut product = vec![0.0; system.pattern.size()];
+        let mut product = vec![0.0; system.size()];
         for item in 0..group.len() {
             let z = &z[item * linear.rows..][..linear.rows];
             for (block, start) in group.blocks(item).iter().zip(&starts) {
-                let Some(position) = system.position[block.0] else { continue };
-                let range = system.pattern.range(position);
+                let Some(range) = system.range_of(*block) else { continue };
                 let columns = &linear.jacobians[(item * linear.columns + start) * linear.rows..];
                 for (out, column) in product[range].iter_mut().zip(columns.chunks_exact(linear.rows)) {
                     *out += dot(column, z);

@@ -1,11 +1,19 @@
 //! The factors of the normal matrix, whichever way it is eliminated.
 
+use super::common::CommonFactor;
 use super::{Accuracy, FramesFactor, Normal, System};
 use crate::nlls::linear::cholesky::{Cholesky, Singular, TooLarge};
 use crate::nlls::linear::matrix::BlockMatrix;
+use nalgebra::DMatrix;
 
 /// The factors of the normal matrix of a system.
-pub enum Factors {
+pub struct Factors {
+    pub(super) kind: Kind,
+    pub(super) common: CommonFactor,
+}
+
+/// Those of all but what is common to all frames.
+pub(super) enum Kind {
     /// Sparse.
     Sparse {
         /// The damped matrix, where it is not formed with its damping at once.
@@ -20,34 +28,60 @@ pub enum Factors {
 impl Factors {
     /// Room for the factors of a system; what depends on its structure alone is done here.
     pub fn new(system: &System) -> Result<Self, TooLarge> {
+        let common = CommonFactor::default();
         if system.has_frames() {
-            return Ok(Factors::Frames(Box::new(system.frames_factor()?)));
+            return Ok(Factors { kind: Kind::Frames(Box::new(system.frames_factor()?)), common });
         }
         let cholesky = Box::new(Cholesky::analyse(system.pattern())?);
         let damped = (!system.has_leaves()).then(|| BlockMatrix::zeros(system.pattern.clone()));
-        Ok(Factors::Sparse { damped, cholesky })
+        Ok(Factors { kind: Kind::Sparse { damped, cholesky }, common })
     }
 
     /// Factorises the normal matrix with `extra` on its diagonal.
     pub fn factorise(&mut self, system: &System, normal: &mut Normal, extra: &[f64]) -> Result<(), Singular> {
-        match self {
-            Factors::Sparse { damped: Some(damped), cholesky } => {
+        let (extra, of_common) = extra.split_at(system.pattern.size());
+        match &mut self.kind {
+            Kind::Sparse { damped: Some(damped), cholesky } => {
                 damped.copy_with_diagonal(&normal.matrix, extra);
-                cholesky.factorise(damped)
+                cholesky.factorise(damped)?;
             }
-            Factors::Sparse { damped: None, cholesky } => {
+            Kind::Sparse { damped: None, cholesky } => {
                 normal.matrix.add_to_diagonal(extra);
-                cholesky.factorise(&normal.matrix)
+                cholesky.factorise(&normal.matrix)?;
             }
-            Factors::Frames(factor) => system.factorise_frames(normal, extra, factor),
+            Kind::Frames(factor) => system.factorise_frames(normal, extra, factor)?,
         }
+        if system.common.size() > 0 {
+            let mut solved = normal.common.coupling.clone();
+            self.kind.solve(system, normal, Accuracy::Exact, solved.as_mut_slice());
+            self.common.factorise(normal, solved, of_common)?;
+        }
+        Ok(())
     }
 
     /// Solves for right-hand sides in elimination order, in place.
     pub fn solve(&mut self, system: &System, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
+        let (n, k) = (system.pattern.size(), system.common.size());
+        if k == 0 {
+            return self.kind.solve(system, normal, accuracy, b);
+        }
+        let sides = b.len() / (n + k);
+        let whole = DMatrix::from_column_slice(n + k, sides, b);
+        let (mut others, mut common) = (whole.rows(0, n).into_owned(), whole.rows(n, k).into_owned());
+        self.kind.solve(system, normal, accuracy, others.as_mut_slice());
+        self.common.finish(normal, &mut others, &mut common);
+        for (side, b) in b.chunks_exact_mut(n + k).enumerate() {
+            b[..n].copy_from_slice(others.column(side).as_slice());
+            b[n..].copy_from_slice(common.column(side).as_slice());
+        }
+    }
+}
+
+impl Kind {
+    fn solve(&mut self, system: &System, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
         match self {
-            Factors::Sparse { cholesky, .. } => cholesky.solve(b),
-            Factors::Frames(factor) => system.solve_frames(normal, factor, accuracy, b),
+            Kind::Sparse { cholesky, .. } => cholesky.solve(b),
+            Kind::Frames(factor) => system.solve_frames(normal, factor, accuracy, b),
         }
     }
 }

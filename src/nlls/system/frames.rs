@@ -196,7 +196,11 @@ impl Frames {
             for item in 0..group.len() {
                 let seen = group.blocks(item);
                 if relative.contains(&index) {
-                    let [observer, body, point] = seen else { return None };
+                    // What else it sees is common to all, or held.
+                    let [observer, body, point, common @ ..] = seen else { return None };
+                    if common.iter().any(|b| position[b.0].is_some()) {
+                        return None;
+                    }
                     let at = at_step[body.0]?;
                     if found[at].observer.map(|o| o.0) != Some(observer.0) {
                         return None;

@@ -1,5 +1,6 @@
 //! Measurements of one kind under one loss.
 
+use super::common::CommonLinear;
 use super::leaves::{Entry, Local, Part};
 use super::{BlockId, Cost, System, Values};
 use crate::nlls::loss::Loss;
@@ -15,6 +16,8 @@ pub const IMPOSSIBLE_SIGMAS: f64 = 1e4;
 
 /// Measurements that one task works on; fixed, so that sums do not depend on the threads.
 const CHUNK: usize = 512;
+/// Tasks that sum what is common to all frames; likewise.
+const COMMON_CHUNKS: usize = 8;
 
 /// A residual, the blocks it sees, and the standard deviation of each of its rows.
 #[derive(Clone, Debug)]
@@ -74,6 +77,8 @@ pub(super) trait AnyGroup: Send + Sync {
     fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
     fn residuals(&self, system: &System, values: &Values) -> Vec<Option<Vec<f64>>>;
     fn linear(&self) -> Linear;
+    /// Adds what measurements say of the unknowns that are common to all.
+    fn add_common(&self, system: &System, values: &Values, least_flatness: f64, sums: &mut CommonLinear);
     /// Adds `J^T J` by each block alone to its sum.
     fn add_own(&self, system: &System, values: &Values, sums: &mut [DMatrix<f64>]);
     /// `J x`, whitened and weighted, row by row.
@@ -173,6 +178,46 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
 }
 
 impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
+    fn add_one_to_common(
+        &self,
+        measurement: &Measurement<R, ROWS, BLOCKS>,
+        system: &System,
+        values: &Values,
+        least_flatness: f64,
+        sums: &mut CommonLinear,
+    ) {
+        let mut jacobian = Jacobian::zeros();
+        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
+            return;
+        };
+        for (block, jacobian) in measurement.blocks.iter().zip(&mut jacobian.0) {
+            for (column, free) in system.free(*block).iter().enumerate() {
+                let whitened =
+                    if *free { weighed.column(jacobian, column) } else { SVector::<f64, ROWS>::zeros() };
+                jacobian.set_column(column, &whitened);
+            }
+        }
+        for (common, by_common) in measurement.blocks.iter().zip(&jacobian.0) {
+            let Some(at) = system.common.start_of(common.0) else { continue };
+            for column in 0..system.free(*common).len() {
+                let own = by_common.column(column);
+                sums.gradient[at + column] += own.dot(&weighed.residual);
+                for (block, jacobian) in measurement.blocks.iter().zip(&jacobian.0) {
+                    let width = system.free(*block).len();
+                    if let Some(start) = system.common.start_of(block.0) {
+                        for i in 0..width {
+                            sums.own[(start + i, at + column)] += jacobian.column(i).dot(&own);
+                        }
+                    } else if let Some(range) = system.range_of(*block) {
+                        for i in 0..width {
+                            sums.coupling[(range.start + i, at + column)] += jacobian.column(i).dot(&own);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
     #[inline(always)]
     fn append_to_leaf(
         &self,
@@ -335,6 +380,29 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
             columns,
             residuals: vec![0.0; self.len() * ROWS],
             jacobians: vec![0.0; self.len() * ROWS * columns],
+        }
+    }
+
+    fn add_common(&self, system: &System, values: &Values, least_flatness: f64, sums: &mut CommonLinear) {
+        let sees = |m: &Measurement<R, ROWS, BLOCKS>| m.blocks.iter().any(|b| system.common.has(b.0));
+        if !self.measurements.iter().any(sees) {
+            return;
+        }
+        let parts: Vec<CommonLinear> = self
+            .measurements
+            .par_chunks(self.len().div_ceil(COMMON_CHUNKS))
+            .map(|measurements| {
+                let mut sums = system.common.linear(system.pattern.size());
+                for measurement in measurements.iter().filter(|m| sees(m)) {
+                    self.add_one_to_common(measurement, system, values, least_flatness, &mut sums);
+                }
+                sums
+            })
+            .collect();
+        for part in parts {
+            sums.coupling += part.coupling;
+            sums.own += part.own;
+            sums.gradient += part.gradient;
         }
     }
 

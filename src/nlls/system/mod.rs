@@ -5,6 +5,7 @@
 
 mod apart;
 mod assembly;
+mod common;
 mod factors;
 mod frames;
 mod group;
@@ -27,6 +28,7 @@ use super::loss::Loss;
 use super::manifold::{MAX_TANGENT, Manifold};
 use super::residual::Residual;
 use assembly::Gather;
+use common::{Common, CommonLinear};
 use frames::{Frames, FramesLinear};
 use group::{AnyGroup, Group, Linear};
 use leaves::{Leaves, Reduced, Sums, clamped};
@@ -81,6 +83,7 @@ pub struct SystemBuilder {
     groups: Vec<Box<dyn AnyGroup>>,
     orbits: Vec<Orbit>,
     leaves: Vec<BlockId>,
+    common: Vec<BlockId>,
     steps: Vec<TimeStep>,
     relative: Vec<usize>,
     least_band: usize,
@@ -143,6 +146,12 @@ impl SystemBuilder {
         self.leaves.extend(leaves);
     }
 
+    /// Declares a few unknowns that measurements of all frames share, image points among them: they are
+    /// eliminated last. Without effect where leaves are eliminated.
+    pub fn share(&mut self, common: Vec<BlockId>) {
+        self.common.extend(common);
+    }
+
     /// Declares the poses of each moment, in time order, and the groups whose measurements see a point
     /// (their third block) of a body (the second) from an observer (the first) of the same moment, and
     /// both poses only as they lie to each other. Frames are then eliminated first, where that can be
@@ -179,7 +188,9 @@ impl SystemBuilder {
         let mut is_leaf = vec![false; self.blocks.len()];
         self.leaves.iter().for_each(|leaf| is_leaf[leaf.0] = self.blocks[leaf.0].is_free());
         let leaf_blocks: Vec<usize> = (0..self.blocks.len()).filter(|&b| is_leaf[b]).collect();
-        let is_other = |block: usize| self.blocks[block].is_free() && !is_leaf[block];
+        let declared: &[BlockId] = if leaf_blocks.is_empty() { &self.common } else { &[] };
+        let common = Common::new(declared, &self.blocks);
+        let is_other = |block: usize| self.blocks[block].is_free() && !is_leaf[block] && !common.has(block);
         let others: Vec<usize> = (0..self.blocks.len()).filter(|&b| is_other(b)).collect();
         let mut unknown = vec![None; self.blocks.len()];
         others.iter().enumerate().for_each(|(u, &block)| unknown[block] = Some(u));
@@ -220,6 +231,9 @@ impl SystemBuilder {
                 step_start[*block] = Some(pattern.size() + start);
             }
         }
+        for (block, start) in common.places() {
+            step_start[block] = Some(pattern.size() + start);
+        }
         let all_free = |b: &BlockId| {
             let block = &self.blocks[b.0];
             block.free().iter().all(|free| *free)
@@ -237,6 +251,7 @@ impl SystemBuilder {
             gather,
             leaves,
             frames,
+            common,
         }
     }
 }
@@ -303,6 +318,7 @@ pub struct System {
     gather: Gather,
     leaves: Option<Leaves>,
     frames: Option<Frames>,
+    common: Common,
     orbits: Vec<Orbit>,
 }
 
@@ -321,6 +337,7 @@ pub struct Normal {
     linear: Vec<Option<Linear>>,
     sums: Vec<Sums>,
     frames: Option<FramesLinear>,
+    common: CommonLinear,
 }
 
 /// What a quadratic model adds to the Gauss-Newton one, and what it takes from it.
@@ -403,6 +420,12 @@ impl System {
     /// How many rows a group contributes (measurements times their numbers).
     pub fn rows(&self, group: GroupId) -> usize {
         self.groups[group.0].len() * self.groups[group.0].rows()
+    }
+
+    /// How long a step is, in elimination order and without leaves: held components have a place, held
+    /// blocks have none.
+    pub fn size(&self) -> usize {
+        self.pattern.size() + self.common.size()
     }
 
     /// The pattern of the normal matrix and its elimination order.
@@ -539,8 +562,14 @@ impl System {
                 group.linearise(self, values, curvature.least_flatness, linear);
             }
         }
-        self.gather.assemble(&normal.linear, &mut normal.matrix, &mut normal.gradient);
-        normal.diagonal.copy_from_slice(&normal.matrix.diagonal());
+        let n = self.pattern.size();
+        self.gather.assemble(&normal.linear, &mut normal.matrix, &mut normal.gradient[..n]);
+        normal.diagonal[..n].copy_from_slice(&normal.matrix.diagonal());
+        if self.common.size() > 0 {
+            self.common.linearise(self, values, curvature.least_flatness, &mut normal.common);
+            normal.gradient[n..].copy_from_slice(normal.common.gradient.as_slice());
+            normal.diagonal[n..].copy_from_slice(normal.common.own.diagonal().as_slice());
+        }
         normal.raw_gradient.copy_from_slice(&normal.gradient);
         if let Some(leaves) = &self.leaves {
             let Normal { matrix, gradient, diagonal, raw_gradient, sums, .. } = normal;
@@ -591,7 +620,7 @@ impl System {
 
     /// Room for a linearisation.
     pub fn normal(&self) -> Normal {
-        let n = self.pattern.size();
+        let n = self.size();
         let linear = self
             .groups
             .iter()
@@ -603,6 +632,7 @@ impl System {
             diagonal: vec![0.0; n],
             raw_gradient: vec![0.0; n],
             leaf_gradient: 0.0,
+            common: self.common.linear(self.pattern.size()),
             linear: linear.collect(),
             frames: self.frames.as_ref().map(Frames::linear),
             sums: self.leaves.as_ref().map_or(Vec::new(), |leaves| leaves.sums(&self.pattern)),

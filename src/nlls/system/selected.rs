@@ -14,6 +14,7 @@
 //! each step. `X S^-1` is made for some steps at a time, and used at once for what image points need of
 //! it: it is never stored. Blocks are turned back from `c`, `y` into `c`, `v` at the end.
 
+use super::factors::Kind as FactorKind;
 use super::frames::{BodyAtStep, Frames, POINT, Place};
 use super::leaves::Local;
 use super::together::TogetherFactor;
@@ -34,6 +35,8 @@ const MOST_WHOLE: usize = 8000;
 /// every measurement.
 pub struct SelectedInverse {
     kind: Kind,
+    /// `X` and `X S^-1` of what is common to all frames ([`super::common`]).
+    common: Option<(DMatrix<f64>, DMatrix<f64>)>,
     /// For each group, measurement after measurement.
     leverages: Vec<Vec<f64>>,
 }
@@ -47,8 +50,9 @@ impl SelectedInverse {
     /// From the factors of `normal`, which was linearised at `values` and is not damped. `None` where the
     /// way in which the system is eliminated has no such inverse.
     pub fn new(system: &System, values: &Values, normal: &Normal, factors: &mut Factors) -> Option<Self> {
-        let (kind, of_frames) = match factors {
-            Factors::Sparse { cholesky, .. } => {
+        let common = factors.common.of_inverse();
+        let (kind, of_frames) = match &mut factors.kind {
+            FactorKind::Sparse { cholesky, .. } => {
                 let n = system.pattern.size();
                 if n > MOST_WHOLE || system.has_leaves() {
                     return None;
@@ -57,20 +61,45 @@ impl SelectedInverse {
                 cholesky.solve(whole.as_mut_slice());
                 (Kind::Whole(whole), Vec::new())
             }
-            Factors::Frames(factor) => {
+            FactorKind::Frames(factor) => {
                 let frames = system.frames.as_ref()?;
                 let (selected, leverages) = factor.selected(frames, system, values, normal)?;
                 (Kind::Frames(selected), leverages)
             }
         };
-        let mut inverse = SelectedInverse { kind, leverages: Vec::new() };
+        let mut inverse = SelectedInverse { kind, common, leverages: Vec::new() };
         let of_group = |group: usize| inverse.leverages_of_group(system, normal, group);
         inverse.leverages = (0..system.groups.len()).map(of_group).collect();
         for (group, item, leverage) in of_frames {
             let size = leverage.len();
             inverse.leverages[group as usize][item as usize * size..][..size].copy_from_slice(&leverage);
         }
+        if inverse.common.is_some() {
+            (0..system.groups.len())
+                .filter(|group| normal.linear[*group].is_none())
+                .for_each(|group| inverse.add_common_to_leverages(system, values, group));
+        }
         Some(inverse)
+    }
+
+    /// What frames do not know: `J X S^-1 X^T J^T` of image points.
+    fn add_common_to_leverages(&mut self, system: &System, values: &Values, index: usize) {
+        let Some((x, solved)) = &self.common else { return };
+        let group = &system.groups[index];
+        let rows = group.rows();
+        let times = |of: &DMatrix<f64>| -> Vec<Vec<f64>> {
+            of.column_iter().map(|column| group.product(system, values, column.as_slice())).collect()
+        };
+        let (of_x, of_solved) = (times(x), times(solved));
+        for (item, out) in self.leverages[index].chunks_exact_mut(rows * rows).enumerate() {
+            for (of_x, of_solved) in of_x.iter().zip(&of_solved) {
+                for column in 0..rows {
+                    for row in 0..rows {
+                        out[column * rows + row] += of_x[item * rows + row] * of_solved[item * rows + column];
+                    }
+                }
+            }
+        }
     }
 
     /// The block of the inverse between two blocks of unknowns; zero where a component is held, and `None`
@@ -78,7 +107,9 @@ impl SelectedInverse {
     /// other than an image point, and all pairs without a pose.
     pub fn block(&self, system: &System, a: BlockId, b: BlockId) -> Option<DMatrix<f64>> {
         let (of_a, of_b) = (system.range_of(a)?, system.range_of(b)?);
+        let is_common = system.common.has(a.0) || system.common.has(b.0);
         let mut block = match &self.kind {
+            _ if is_common => DMatrix::zeros(of_a.len(), of_b.len()),
             Kind::Whole(whole) => whole.view((of_a.start, of_b.start), (of_a.len(), of_b.len())).into_owned(),
             Kind::Frames(selected) => {
                 let places = &system.frames.as_ref()?.places;
@@ -86,6 +117,10 @@ impl SelectedInverse {
                 selected.block((place(a)?, of_a.len()), (place(b)?, of_b.len()))?
             }
         };
+        if let Some((x, solved)) = &self.common {
+            let (x, solved) = (x.rows(of_a.start, of_a.len()), solved.rows(of_b.start, of_b.len()));
+            block += x * solved.transpose();
+        }
         for (row, _) in system.free(a).iter().enumerate().filter(|(_, free)| !**free) {
             block.row_mut(row).fill(0.0);
         }

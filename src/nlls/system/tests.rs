@@ -514,6 +514,24 @@ impl Residual<2, 3> for Sight {
     }
 }
 
+/// The same through a lens that all moments share: `s` scales the ray, `d` shifts it.
+struct LensSight([f64; 2]);
+
+impl Residual<2, 4> for LensSight {
+    const MANIFOLDS: [Manifold; 4] = [Manifold::Pose, Manifold::Pose, Manifold::POINT, Manifold::Vector(3)];
+    fn evaluate(&self, x: &[&[f64]; 4], jacobian: Option<&mut Jacobian<2, 4>>) -> Option<SVector<f64, 2>> {
+        let (scale, shift) = (1.0 + x[3][0], SVector::<f64, 2>::new(x[3][1], x[3][2]));
+        let mut plain = Jacobian::zeros();
+        let ray = Sight([0.0; 2]).evaluate(&[x[0], x[1], x[2]], Some(&mut plain))?;
+        if let Some(jacobian) = jacobian {
+            (0..3).for_each(|block| jacobian.0[block] = plain.0[block] * scale);
+            jacobian.set(3, 0, &ray);
+            jacobian.set(3, 1, &SMatrix::<f64, 2, 2>::identity());
+        }
+        Some(ray * scale + shift - SVector::from(self.0))
+    }
+}
+
 /// Difference of a pose from a given one.
 struct Near(crate::geometry::Pose);
 
@@ -531,6 +549,20 @@ impl Residual<6, 1> for Near {
 /// Seven moments of two bodies under one observer; a body is not there at two of them, a point is held in
 /// part and another whole; observers and bodies move smoothly, and see static points and a scalar.
 fn film(frames: Option<Arrangement>, held_observers: bool, loss: Loss) -> System {
+    film_through(Lens::None, frames, held_observers, loss)
+}
+
+/// A lens that all moments of a film share.
+#[derive(Clone, Copy, PartialEq)]
+enum Lens {
+    None,
+    /// One component of it is held. It is eliminated like any other block.
+    Plain,
+    /// It is eliminated last.
+    Shared,
+}
+
+fn film_through(lens: Lens, frames: Option<Arrangement>, held_observers: bool, loss: Loss) -> System {
     let mut builder = SystemBuilder::default();
     let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
     let near = |k: f64, z: f64| {
@@ -566,6 +598,7 @@ fn film(frames: Option<Arrangement>, held_observers: bool, loss: Loss) -> System
         .collect();
     let statics: Vec<BlockId> = (0..4).map(|i| add(80.0 + f64::from(i), [true; 3])).collect();
     let scalar = builder.add_block(Manifold::SCALAR, &[0.2], &[true]);
+    let shared = builder.add_block(Manifold::Vector(3), &[0.1, -0.02, 0.01], &[true, false, true]);
 
     let mut seen = Vec::new();
     for t in 0..moments as usize {
@@ -577,7 +610,21 @@ fn film(frames: Option<Arrangement>, held_observers: bool, loss: Loss) -> System
             }
         }
     }
-    let sights = builder.add_group("sights", loss, seen);
+    let sights = if lens == Lens::None {
+        builder.add_group("sights", loss, seen)
+    } else {
+        let through =
+            seen.into_iter().map(|Measurement { residual: Sight(seen), blocks: [o, b, p], sigma }| {
+                Measurement { residual: LensSight(seen), blocks: [o, b, p, shared], sigma }
+            });
+        let sights = builder.add_group("sights", loss, through.collect());
+        let known = Measurement { residual: Calibrated, blocks: [shared], sigma: [0.3] };
+        builder.add_group("calibration", Loss::Squared, vec![known]);
+        if lens == Lens::Shared {
+            builder.share(vec![shared]);
+        }
+        sights
+    };
     let mut between = Vec::new();
     let chains = [&observers, &bodies[0], &bodies[1]];
     for (c, chain) in chains.into_iter().enumerate() {
@@ -620,6 +667,70 @@ fn film(frames: Option<Arrangement>, held_observers: bool, loss: Loss) -> System
         builder.along_time((0..moments as usize).map(step).collect(), vec![sights]);
     }
     builder.build()
+}
+
+/// The last number of a lens is known.
+struct Calibrated;
+
+impl Residual<1, 1> for Calibrated {
+    const MANIFOLDS: [Manifold; 1] = [Manifold::Vector(3)];
+    fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<1, 1>>) -> Option<SVector<f64, 1>> {
+        if let Some(jacobian) = jacobian {
+            jacobian.set(0, 2, &SVector::<f64, 1>::new(1.0));
+        }
+        Some(SVector::<f64, 1>::new(x[0][2]))
+    }
+}
+
+#[test]
+fn what_all_moments_share_changes_no_step() {
+    for frames in [None, Some(Arrangement::Together), Some(Arrangement::Apart)] {
+        for held_observers in [false, true] {
+            for loss in [Loss::Squared, Loss::Huber { scale: 3.0 }, Loss::Tukey { scale: 200.0 }] {
+                let whole = film_through(Lens::Plain, None, held_observers, loss);
+                let shared = film_through(Lens::Shared, frames, held_observers, loss);
+                assert_eq!(shared.has_frames(), frames.is_some());
+                assert_eq!(shared.size(), whole.size());
+                assert_eq!(shared.size(), shared.pattern.size() + 3);
+                for (damping, least_flatness) in [(0.0, 1.0), (1e-4, 1.0), (1.0, 1.0), (1e-3, 0.1)] {
+                    let curvature = Curvature { damping, least_flatness };
+                    let (wanted, model) = step_of(&whole, curvature);
+                    let mut normal = shared.normal();
+                    shared.linearise(shared.start(), curvature, &mut normal).unwrap();
+                    let mut factors = Factors::new(&shared).unwrap();
+                    let extra: Vec<f64> = normal.scale().iter().map(|d| d * damping).collect();
+                    factors.factorise(&shared, &mut normal, &extra).unwrap();
+                    let mut delta: Vec<f64> = normal.raw_gradient().iter().map(|g| -g).collect();
+                    factors.solve(&shared, &normal, Accuracy::Exact, &mut delta);
+                    let largest = normal.largest_gradient();
+                    let step = shared.back_substitute(shared.start(), curvature, &mut normal, delta);
+                    let mut found = Vec::new();
+                    for (block, _) in wanted.iter().enumerate().filter(|(_, wanted)| !wanted.is_empty()) {
+                        found.extend_from_slice(shared.step_of(BlockId(block), &step.delta));
+                    }
+                    let (found, wanted) = (DVector::from_vec(found), DVector::from_vec(wanted.concat()));
+                    let gap = (&found - &wanted).norm() / wanted.norm();
+                    assert!(gap < 1e-10, "{frames:?} {held_observers} {loss:?} {damping}: {gap:e}");
+                    for (found, wanted) in [step.slope, step.squared, largest].iter().zip(model) {
+                        assert!((found - wanted).abs() < 1e-10 * wanted.abs(), "{found} {wanted}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_covariance_of_what_all_moments_share_is_that_of_the_dense_inverse() {
+    for frames in [None, Some(Arrangement::Together)] {
+        for loss in [Loss::Squared, Loss::Huber { scale: 3.0 }] {
+            let whole = film_through(Lens::Plain, None, false, loss);
+            let shared = film_through(Lens::Shared, frames, false, loss);
+            let (worst, count) = worst_block(&shared, &whole);
+            assert!(worst < 1e-10, "{frames:?} {loss:?}: {worst:e}");
+            assert!(count > 200, "{count}");
+        }
+    }
 }
 
 #[test]
@@ -723,7 +834,7 @@ fn worst_block(film: &System, whole: &System) -> (f64, usize) {
     }
     let mut of_film = linearised(film);
     let mut factors = Factors::new(film).unwrap();
-    factors.factorise(film, &mut of_film, &vec![0.0; film.pattern.size()]).unwrap();
+    factors.factorise(film, &mut of_film, &vec![0.0; film.size()]).unwrap();
     let selected = SelectedInverse::new(film, film.start(), &of_film, &mut factors).unwrap();
     let (mut worst, mut count) = (0.0_f64, 0);
     for a in (0..film.blocks.len()).map(BlockId) {
@@ -804,9 +915,9 @@ fn normal_matrices_of_single_blocks_are_those_on_the_diagonal() {
 
 #[test]
 fn products_with_jacobians_are_those_of_their_transposes() {
-    let system = film(None, false, Loss::Huber { scale: 3.0 });
+    let system = film_through(Lens::Shared, None, false, Loss::Huber { scale: 3.0 });
     let normal = linearised(&system);
-    let n = normal.matrix.size();
+    let n = system.size();
     let x: Vec<f64> = (0..n).map(|i| (0.3 * i as f64).sin()).collect();
     for group in (0..system.groups.len()).map(GroupId) {
         let z: Vec<f64> = (0..system.rows(group)).map(|i| (0.7 * i as f64).cos()).collect();
