@@ -145,6 +145,9 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
         target_observations: Vec::new(),
         vehicles: Vec::new(),
         vehicle_pose_sigma: PoseSigma { position_m: Some(0.25), rotation_rad: [Some(0.02); 3] },
+        calibration: Default::default(),
+        shutter: Default::default(),
+        receivers: Vec::new(),
         ground: plan.has_ground.then(|| GroundKnowledge {
             terrain: Terrain::Plane { z_m: 0.0 },
             sigma_m: 0.02,
@@ -153,8 +156,8 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             tilt_sigma_rad: 0.05,
         }),
     };
-    let mut estimate =
-        Estimate { camera_poses: cameras, vehicles: Vec::new(), targets: Vec::new(), terrain_bias_m: 0.0 };
+    let mut estimate = Estimate::new(&problem, cameras, Vec::new());
+    estimate.targets.clear();
     for (vehicle, poses) in poses.into_iter().enumerate() {
         let number = rng.random_range(if frames < 4 { 5 } else { 4 }..=8);
         let points: Vec<Point3<f64>> = (0..number)

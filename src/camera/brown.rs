@@ -7,7 +7,7 @@
 //! ```
 
 use super::fold::first_root;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, SMatrix, Vector2};
 
 /// Coefficients, and the cone in which the model is one to one.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +23,30 @@ impl Brown {
     pub fn new([k1, k2, p1, p2, k3]: [f64; 5]) -> Self {
         let k = [k1, k2, k3];
         Brown { k, p: [p1, p2], fold_radius2: fold_radius2(k) }
+    }
+
+    /// In OpenCV's order `k1, k2, p1, p2, k3`.
+    pub fn coefficients(&self) -> [f64; 5] {
+        let ([k1, k2, k3], [p1, p2]) = (self.k, self.p);
+        [k1, k2, p1, p2, k3]
+    }
+
+    /// Other coefficients within the same cone.
+    #[inline(always)]
+    pub(super) fn near(&self, [k1, k2, p1, p2, k3]: [f64; 5]) -> Brown {
+        Brown { k: [k1, k2, k3], p: [p1, p2], fold_radius2: self.fold_radius2 }
+    }
+
+    /// Derivative of [`Brown::distort`] by the coefficients, 2 x 5; it is linear in them.
+    pub(super) fn by_coefficients(ray: &Vector2<f64>) -> SMatrix<f64, 2, 5> {
+        let (x, y, r2) = (ray.x, ray.y, ray.norm_squared());
+        let (r4, xy) = (r2 * r2, 2.0 * x * y);
+        #[rustfmt::skip]
+        let by = SMatrix::<f64, 2, 5>::new(
+            x * r2, x * r4, xy, r2 + 2.0 * x * x, x * r4 * r2,
+            y * r2, y * r4, r2 + 2.0 * y * y, xy, y * r4 * r2,
+        );
+        by
     }
 
     /// Radius `tan(angle from the axis)` at which the model folds over.

@@ -7,7 +7,7 @@
 //! ```
 
 use super::fold::first_root;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, SMatrix, Vector2};
 use std::f64::consts::FRAC_PI_2;
 
 /// Coefficients, and the cone in which the model is one to one.
@@ -26,6 +26,25 @@ impl Fisheye {
         let slope = [1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4];
         let fold_rad = first_root(&slope, FRAC_PI_2 * FRAC_PI_2).map_or(FRAC_PI_2, f64::sqrt);
         Fisheye { k, fold_rad }
+    }
+
+    /// In OpenCV's order.
+    pub fn coefficients(&self) -> [f64; 4] {
+        self.k
+    }
+
+    /// Other coefficients within the same cone.
+    #[inline(always)]
+    pub(super) fn near(&self, k: [f64; 4]) -> Fisheye {
+        Fisheye { k, fold_rad: self.fold_rad }
+    }
+
+    /// Derivative of [`Fisheye::distort`] by the coefficients, 2 x 4; it is linear in them.
+    pub(super) fn by_coefficients(ray: &Vector2<f64>) -> SMatrix<f64, 2, 4> {
+        let radius = ray.norm();
+        let angle = radius.atan();
+        let outwards = if radius == 0.0 { *ray } else { ray / radius };
+        SMatrix::from_fn(|axis, k| outwards[axis] * angle.powi(2 * k as i32 + 3))
     }
 
     /// Angle off the axis at which the model folds over \[rad\]; 90 degrees where it does not before,

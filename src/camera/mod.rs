@@ -6,9 +6,11 @@
 mod brown;
 mod fisheye;
 mod fold;
+mod interior;
 
 pub use brown::Brown;
 pub use fisheye::Fisheye;
+pub use interior::INTERIOR;
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 
 /// Points nearer to the camera's plane than this are not seen \[m\].

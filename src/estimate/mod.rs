@@ -1,8 +1,12 @@
 //! What we believe: the unknowns of a problem as a value to clone, compare and write.
 
+mod rows;
+
+use crate::camera::Camera;
 use crate::geometry::{self, Pose};
-use crate::problem::{Problem, Vehicle};
-use nalgebra::{Point3, Vector2};
+use crate::problem::{Problem, Receiver, Vehicle};
+use nalgebra::{Point3, Vector3};
+pub use rows::{Imaging, RowMotion};
 
 /// A value for every unknown.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +19,25 @@ pub struct Estimate {
     pub targets: Vec<Option<Point3<f64>>>,
     /// Error of the terrain that is common to the whole film \[m\].
     pub terrain_bias_m: f64,
+    /// The camera with its interior orientation.
+    pub camera: Camera,
+    /// Time from the first to the last row of an image \[s\].
+    pub readout_s: f64,
+    /// One for each receiver of the problem.
+    pub receivers: Vec<ReceiverEstimate>,
+}
+
+/// The unknowns of a receiver.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReceiverEstimate {
+    /// Its time minus video time, in the middle of the film \[s\].
+    pub clock_offset_s: f64,
+    /// The rate of that \[s/s\].
+    pub clock_drift: f64,
+    /// What all its positions are off by: measured minus true, in the world \[m\].
+    pub shift_m: Vector3<f64>,
+    /// From its point to its antenna, in the vehicle frame \[m\].
+    pub lever_arm_m: Vector3<f64>,
 }
 
 /// The unknowns of one vehicle.
@@ -44,6 +67,24 @@ pub struct TrackPoint {
 }
 
 impl Estimate {
+    /// An estimate of poses and points, everything else as it is known beforehand.
+    pub fn new(problem: &Problem, camera_poses: Vec<Pose>, vehicles: Vec<VehicleEstimate>) -> Self {
+        let receiver = |receiver: &Receiver| ReceiverEstimate {
+            clock_offset_s: receiver.knowledge.clock_offset.map_or(0.0, |known| known.value_m),
+            lever_arm_m: receiver.knowledge.lever_arm_m,
+            ..ReceiverEstimate::default()
+        };
+        Estimate {
+            camera_poses,
+            vehicles,
+            targets: vec![None; problem.targets.len()],
+            terrain_bias_m: 0.0,
+            camera: problem.camera.clone(),
+            readout_s: problem.shutter.readout_s,
+            receivers: problem.receivers.iter().map(receiver).collect(),
+        }
+    }
+
     /// Whether every number is one.
     pub fn is_finite(&self) -> bool {
         let pose = |p: &Pose| p.to_homogeneous().iter().all(|v| v.is_finite());
@@ -54,30 +95,6 @@ impl Estimate {
                 .vehicles
                 .iter()
                 .all(|v| v.poses.iter().flatten().all(pose) && v.points.iter().flatten().all(point))
-    }
-
-    /// Computed image point of a point of a vehicle; `None` where one of its unknowns has no value
-    /// or the camera does not see it.
-    pub fn vehicle_image_px(
-        &self,
-        problem: &Problem,
-        vehicle: usize,
-        frame: usize,
-        point: usize,
-    ) -> Option<Vector2<f64>> {
-        let estimate = &self.vehicles[vehicle];
-        let in_world = estimate.poses[frame]? * estimate.points[point]?;
-        problem.camera.project(&self.camera_poses[frame].inverse_transform_point(&in_world).coords)
-    }
-
-    /// Computed image point of a target at `position`.
-    pub fn target_image_px(
-        &self,
-        problem: &Problem,
-        frame: usize,
-        position: &Point3<f64>,
-    ) -> Option<Vector2<f64>> {
-        problem.camera.project(&self.camera_poses[frame].inverse_transform_point(position).coords)
     }
 }
 

@@ -4,8 +4,8 @@ use super::inventory::{Inventory, TargetInventory};
 use super::problem_toml::Settings;
 use crate::geometry::Pose;
 use crate::problem::{
-    Frame, GroundKnowledge, Known, Problem, ShapePoint, Target, TargetObservation, Vehicle,
-    VehicleObservation,
+    Frame, GroundKnowledge, Known, Problem, ReceivedPosition, Receiver, ShapePoint, Target,
+    TargetObservation, Vehicle, VehicleObservation,
 };
 use crate::tables::Findings;
 use nalgebra::Vector2;
@@ -48,7 +48,8 @@ pub(super) struct Checked<'t> {
     pub vehicle_poses: HashMap<(usize, usize), Pose>,
     pub has_vehicle_poses: bool,
     pub known_points: HashMap<(usize, &'t str), [Option<Known>; 3]>,
-    pub has_gnss: bool,
+    /// Positions of each vehicle and point.
+    pub received: Vec<(usize, &'t str, ReceivedPosition)>,
 }
 
 impl Checked<'_> {
@@ -59,22 +60,22 @@ impl Checked<'_> {
         let Settings { name, camera, .. } = self.settings;
         let poses = self.camera_poses.len();
         let inventory = Inventory::new(name, camera.size_px, &self.frames, poses, &vehicles, targets);
-        let mut not_supported = self.settings.not_supported.clone();
+        let mut not_supported = Vec::new();
         if !self.has_vehicle_poses && self.settings.ground.is_none() {
             not_supported.push(
                 "vehicle poses (there is no vehicle_poses.csv, and no terrain to find them on)".to_owned(),
             );
         }
-        if self.has_gnss {
-            not_supported.push("GNSS positions as observations (observations/gnss.csv)".to_owned());
-        }
         let warnings = findings.warnings().to_vec();
         if !not_supported.is_empty() {
             return Folder { inventory, problem: Err(not_supported), warnings };
         }
+        let receivers = self.receivers(&vehicles);
         let problem = Problem {
             name: self.settings.name.clone(),
             camera: self.settings.camera.clone(),
+            calibration: self.settings.calibration,
+            shutter: self.settings.shutter,
             camera_poses: (0..self.frames.len())
                 .map(|frame| self.camera_poses.get(&frame).copied())
                 .collect(),
@@ -85,8 +86,29 @@ impl Checked<'_> {
             vehicles,
             vehicle_pose_sigma: self.settings.vehicle_pose_sigma,
             ground: self.ground,
+            receivers,
         };
         Folder { inventory, problem: Ok(problem), warnings }
+    }
+
+    fn receivers(&self, vehicles: &[Vehicle]) -> Vec<Receiver> {
+        let mut all: Vec<Receiver> = Vec::new();
+        for (vehicle, id, received) in &self.received {
+            let points = &vehicles[*vehicle].points;
+            let Some(point) = points.iter().position(|point| point.id == *id) else { continue };
+            let at = all.iter().position(|r| (r.vehicle, r.point) == (*vehicle, point));
+            let at = at.unwrap_or_else(|| {
+                let (positions, knowledge) = (Vec::new(), self.settings.gnss);
+                all.push(Receiver { vehicle: *vehicle, point, positions, knowledge });
+                all.len() - 1
+            });
+            all[at].positions.push(*received);
+        }
+        for receiver in &mut all {
+            receiver.positions.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        }
+        all.sort_by_key(|receiver| (receiver.vehicle, receiver.point));
+        all
     }
 
     fn vehicles(&self) -> Vec<Vehicle> {

@@ -7,10 +7,10 @@ use super::rows::{
     VehicleObservationRow, VehiclePoseRow,
 };
 use crate::geometry::{self, Pose};
-use crate::problem::{Frame, GroundKnowledge, Known, Role, Target, TargetObservation};
+use crate::problem::{Frame, GroundKnowledge, Known, ReceivedPosition, Role, Target, TargetObservation};
 use crate::tables::{self, Finding, Findings, Line, Row};
 use crate::terrain::{GridFault, Terrain};
-use nalgebra::{Vector2, Vector4};
+use nalgebra::{Point3, Vector2, Vector4};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::Path;
 
@@ -22,6 +22,10 @@ const LEAST_SIGMA_PX: f64 = 1e-3;
 const TARGET_SIGMA_M: f64 = 0.02;
 /// Standard deviation of a coordinate of a shape point that is given without one \[m\].
 const POINT_SIGMA_M: f64 = 0.1;
+/// Standard deviation of a coordinate of a GNSS position that is given without one \[m\].
+const GNSS_SIGMA_M: f64 = 0.02;
+/// No position is better than this \[m\].
+const LEAST_GNSS_SIGMA_M: f64 = 1e-4;
 
 /// Control targets with three coordinates from which a camera pose can be resected.
 const LEAST_CONTROL: usize = 3;
@@ -158,7 +162,7 @@ impl Reader<'_> {
         let vehicle_observations = self.check_vehicle_observations(tables, &index);
         let vehicle_poses = self.check_vehicle_poses(tables, &index);
         let known_points = self.check_known_points(tables, &index, &vehicle_observations);
-        self.check_gnss(tables, &index, &vehicle_observations);
+        let received = self.check_gnss(tables, &index, &vehicle_observations);
 
         let settings = tables.settings.as_ref()?;
         let frame_rows = tables.frames.as_ref()?;
@@ -190,7 +194,7 @@ impl Reader<'_> {
             vehicle_poses,
             has_vehicle_poses: tables.vehicle_poses.is_some(),
             known_points,
-            has_gnss: tables.gnss.is_some(),
+            received,
         })
     }
 
@@ -441,10 +445,17 @@ impl Reader<'_> {
         points
     }
 
-    fn check_gnss(&mut self, tables: &Tables, index: &Index, observed: &Observed) {
+    fn check_gnss<'t>(
+        &mut self,
+        tables: &'t Tables,
+        index: &Index,
+        observed: &Observed,
+    ) -> Vec<(usize, &'t str, ReceivedPosition)> {
         let mut seen = HashSet::new();
+        let mut received = Vec::new();
+        let mut without_sigma = 0;
         for Line { line, row } in tables.gnss.iter().flatten() {
-            self.vehicle(GNSS_OBSERVATIONS, *line, &row.vehicle, index);
+            let vehicle = self.vehicle(GNSS_OBSERVATIONS, *line, &row.vehicle, index);
             if tables.vehicle_observations.is_some() && !observed.points.contains(&(&row.vehicle, &row.point))
             {
                 self.cell(GNSS_OBSERVATIONS, *line, "point", "a point that is observed", &row.point);
@@ -452,7 +463,21 @@ impl Reader<'_> {
             if !seen.insert((&row.vehicle, &row.point, row.time_s.to_bits())) {
                 self.cell(GNSS_OBSERVATIONS, *line, "time_s", "a time that is listed once", row.time_s);
             }
+            let Some(vehicle) = vehicle else { continue };
+            let sigma_m = [row.sigma_x.0, row.sigma_y.0, row.sigma_z.0].map(|sigma| {
+                without_sigma += usize::from(sigma.is_none());
+                sigma.unwrap_or(GNSS_SIGMA_M).max(LEAST_GNSS_SIGMA_M)
+            });
+            let position = Point3::new(row.x, row.y, row.z);
+            let (time_s, point) = (row.time_s, row.point.as_str());
+            received.push((vehicle, point, ReceivedPosition { time_s, position, sigma_m }));
         }
+        if without_sigma > 0 {
+            self.findings.warn(format!(
+                "{GNSS_OBSERVATIONS}: coordinates without a sigma: {without_sigma}; {GNSS_SIGMA_M} m is assumed"
+            ));
+        }
+        received
     }
 }
 

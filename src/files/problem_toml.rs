@@ -1,11 +1,11 @@
 //! `problem.toml`.
 
 use super::section::{Document, Section};
-use crate::camera::{Brown, Camera, Fisheye, Lens, principal_in_image};
-use crate::problem::{GroundKnowledge, Known, PoseSigma};
+use crate::camera::{Brown, Camera, Fisheye, INTERIOR, Lens, principal_in_image};
+use crate::problem::{Calibration, Freedom, GroundKnowledge, Known, PoseSigma, ReceiverKnowledge, Shutter};
 use crate::tables::Findings;
 use crate::terrain::Terrain;
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 /// Name of the file.
 pub const FILE: &str = "problem.toml";
@@ -15,14 +15,15 @@ pub const FILE: &str = "problem.toml";
 pub struct Settings {
     pub name: String,
     pub camera: Camera,
+    pub calibration: Calibration,
+    pub shutter: Shutter,
+    pub gnss: ReceiverKnowledge,
     pub vehicle_px: f64,
     pub target_px: f64,
     pub camera_pose_sigma: PoseSigma,
     pub vehicle_pose_sigma: PoseSigma,
     pub ground: Option<GroundSettings>,
     pub vehicles: Vec<VehicleSettings>,
-    /// What it asks for that this version does not compute.
-    pub not_supported: Vec<String>,
 }
 
 /// `[terrain]`.
@@ -65,23 +66,22 @@ pub struct VehicleSettings {
 const BROWN_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 const FISHEYE_KEYS: [&str; 4] = ["k1", "k2", "k3", "k4"];
 
+/// A readout takes no longer \[s\].
+const MOST_READOUT_S: f64 = 1.0;
+
 /// Reads the settings; `None` where they are too wrong to go on, and always with findings then.
 pub fn parse(text: &str) -> (Option<Settings>, Findings) {
-    let mut not_supported = Vec::new();
-    let (settings, findings) = Document::new(FILE, text).read(|top| read(top, &mut not_supported));
-    let settings = settings.flatten().map(|settings| Settings { not_supported, ..settings });
-    (settings, findings)
+    let (settings, findings) = Document::new(FILE, text).read(read);
+    (settings.flatten(), findings)
 }
 
-fn read(top: &Section, not_supported: &mut Vec<String>) -> Option<Settings> {
+fn read(top: &Section) -> Option<Settings> {
     let format = top.required("format", "1", || top.integer("format"));
     if format.is_some_and(|format| format != 1) {
         top.error("format", "1");
     }
     let name = top.required("name", "a text", || top.text("name"));
-    let camera = top.required("camera", "a table [camera]", || {
-        top.table("camera", |camera| read_camera(camera, not_supported)).flatten()
-    });
+    let camera = top.required("camera", "a table [camera]", || top.table("camera", read_camera).flatten());
     let noise = top.table("noise", read_noise).unwrap_or_else(|| Noise {
         vehicle_px: 1.0,
         target_px: 1.0,
@@ -89,6 +89,11 @@ fn read(top: &Section, not_supported: &mut Vec<String>) -> Option<Settings> {
         vehicle: pose_sigma(None, None, 0.5),
     });
     let ground = top.table("terrain", read_terrain).flatten();
+    let gnss = top.table("gnss", read_gnss).unwrap_or_default();
+    let (camera, calibration, shutter) = match camera {
+        Some((camera, calibration, shutter)) => (Some(camera), calibration, shutter),
+        None => (None, Calibration::default(), Shutter::default()),
+    };
     let mut vehicles: Vec<VehicleSettings> = Vec::new();
     let found = top.tables("vehicle", |section| {
         let vehicle = read_vehicle(section)?;
@@ -104,17 +109,19 @@ fn read(top: &Section, not_supported: &mut Vec<String>) -> Option<Settings> {
     Some(Settings {
         name: name?,
         camera: camera?,
+        calibration,
+        shutter,
+        gnss,
         vehicle_px: noise.vehicle_px,
         target_px: noise.target_px,
         camera_pose_sigma: noise.camera,
         vehicle_pose_sigma: noise.vehicle,
         ground,
         vehicles,
-        not_supported: Vec::new(),
     })
 }
 
-fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Camera> {
+fn read_camera(camera: &Section) -> Option<(Camera, Calibration, Shutter)> {
     let size = |key| {
         camera.required(key, "a size above 0", || {
             let whole = "a whole number above 0";
@@ -129,6 +136,9 @@ fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Came
     let focal = (positive("fx"), positive("fy"));
     let principal = (number("cx"), number("cy"));
     let model = camera.text("model");
+    let calibration = camera.table("refine", |refine| read_refine(refine, model.as_deref()));
+    let calibration = calibration.unwrap_or_default();
+    let bends = calibration[3..].iter().any(|freedom| freedom.is_adjusted());
     let coefficients = |keys: &[&'static str]| -> Vec<f64> {
         keys.iter().map(|key| camera.any_number(key).unwrap_or(0.0)).collect()
     };
@@ -143,7 +153,7 @@ fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Came
         }
         Some("brown") | None => {
             let brown: [f64; 5] = coefficients(&BROWN_KEYS).try_into().expect("five keys");
-            if brown == [0.0; 5] { Lens::Pinhole } else { Lens::Brown(Brown::new(brown)) }
+            if brown == [0.0; 5] && !bends { Lens::Pinhole } else { Lens::Brown(Brown::new(brown)) }
         }
         Some("fisheye") => {
             Lens::Fisheye(Fisheye::new(coefficients(&FISHEYE_KEYS).try_into().expect("four keys")))
@@ -153,13 +163,13 @@ fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Came
             Lens::Pinhole
         }
     };
-    let readout = camera.any_number("readout_s").unwrap_or(0.0);
-    let readout_sigma = camera.not_negative("readout_sigma_s").unwrap_or(0.0);
-    if readout != 0.0 || readout_sigma != 0.0 {
-        not_supported.push("a rolling shutter (camera.readout_s, camera.readout_sigma_s)".to_owned());
-    }
-    if camera.has("refine") {
-        not_supported.push("self-calibration ([camera.refine])".to_owned());
+    let readout_s = camera.any_number("readout_s").unwrap_or(0.0);
+    let freedom = match camera.not_negative("readout_sigma_s").unwrap_or(0.0) {
+        0.0 => Freedom::Fixed,
+        sigma_s => Freedom::Prior(sigma_s),
+    };
+    if readout_s.abs() > MOST_READOUT_S {
+        camera.error("readout_s", "at most a second from the first to the last row");
     }
     let pixel_centre = |key| camera.number(key, "0.0 or 0.5", |v| v == 0.0 || v == 0.5);
     let pixel_centre_px = pixel_centre("pixel_centre").unwrap_or(0.0);
@@ -183,7 +193,76 @@ fn read_camera(camera: &Section, not_supported: &mut Vec<String>) -> Option<Came
             ),
         );
     }
-    Some(read)
+    Some((read, calibration, Shutter { readout_s, freedom }))
+}
+
+/// `[camera.refine]`: what of the interior orientation is adjusted.
+fn read_refine(refine: &Section, model: Option<&str>) -> Calibration {
+    let mut all = Calibration::default();
+    let mut set = |key: &'static str, which: std::ops::Range<usize>| {
+        if let Some(freedom) = read_freedom(refine, key) {
+            all[which].fill(freedom);
+        }
+    };
+    for (key, which) in [
+        ("focal_length", 0..1),
+        ("fx", 0..1),
+        ("fy", 0..1),
+        ("principal_point", 1..3),
+        ("cx", 1..2),
+        ("cy", 2..3),
+    ] {
+        set(key, which);
+    }
+    let coefficients: &[&str] = match model {
+        Some("pinhole") => &[],
+        Some("fisheye") => &FISHEYE_KEYS,
+        _ => &BROWN_KEYS,
+    };
+    if refine.has("distortion") && coefficients.is_empty() {
+        refine.error("distortion", "a model that has distortion, \"brown\" or \"fisheye\"");
+    }
+    set("distortion", 3..3 + coefficients.len());
+    for (at, key) in coefficients.iter().enumerate() {
+        set(key, 3 + at..4 + at);
+    }
+    debug_assert!(3 + coefficients.len() <= INTERIOR);
+    all
+}
+
+/// `"free"`, `"fixed"`, or a standard deviation.
+fn read_freedom(section: &Section, key: &'static str) -> Option<Freedom> {
+    if !section.has(key) {
+        return None;
+    }
+    let wanted = "\"free\", \"fixed\" or a standard deviation above 0";
+    match section.text_or_number(key) {
+        (Some(text), _) if text == "free" => Some(Freedom::Free),
+        (Some(text), _) if text == "fixed" => Some(Freedom::Fixed),
+        (_, Some(sigma)) if sigma > 0.0 && sigma.is_finite() => Some(Freedom::Prior(sigma)),
+        _ => {
+            section.error(key, wanted);
+            None
+        }
+    }
+}
+
+/// `[gnss]`: what is known of the receivers of `observations/gnss.csv`.
+fn read_gnss(gnss: &Section) -> ReceiverKnowledge {
+    let offset_s = gnss.any_number("clock_offset_s");
+    let sigma_s = gnss.not_negative("clock_offset_sigma_s");
+    if sigma_s.is_some() && offset_s.is_none() {
+        gnss.warn("clock_offset_sigma_s", "has no effect without clock_offset_s");
+    }
+    let clock_offset = offset_s.map(|value_m| Known { value_m, sigma_m: sigma_s.unwrap_or(0.0) });
+    let along = |key| gnss.any_number(key).unwrap_or(0.0);
+    ReceiverKnowledge {
+        clock_offset,
+        drift_sigma: 1e-6 * gnss.not_negative("clock_drift_sigma_ppm").unwrap_or(0.0),
+        shift_sigma_m: gnss.not_negative("shift_sigma_m").unwrap_or(0.0),
+        lever_arm_m: Vector3::new(along("lever_x_m"), along("lever_y_m"), along("lever_z_m")),
+        lever_sigma_m: gnss.not_negative("lever_sigma_m").unwrap_or(0.0),
+    }
 }
 
 struct Noise {
@@ -297,7 +376,7 @@ id = "car2"
         assert_eq!((ground.sigma_m, ground.correlation_s, ground.bias_sigma_m), (0.02, 1.0, 0.0));
         assert_eq!(settings.vehicles[0].height, Some(Known { value_m: 1.5, sigma_m: 0.1 }));
         assert_eq!(settings.vehicles[1].id, "car2");
-        assert!(settings.not_supported.is_empty());
+        assert_eq!((settings.shutter, settings.calibration), Default::default());
     }
 
     #[test]
@@ -333,10 +412,46 @@ id = "car2"
     }
 
     #[test]
-    fn what_is_not_computed_yet_is_named() {
-        let text = WHOLE.replace("k1 = -0.011", "k1 = 0.1\nreadout_s = 0.02\n[camera.refine]\nfx = \"free\"");
+    fn what_is_adjusted_of_the_camera_is_read() {
+        let with = |keys: &str| WHOLE.replace("k1 = -0.011", keys);
+        let text = with(
+            "k1 = 0.1\nreadout_s = 0.02\nreadout_sigma_s = 0.005\n[camera.refine]\nfocal_length = \"free\"\n\
+             principal_point = 3.0\ndistortion = \"free\"\nk3 = \"fixed\"",
+        );
         let settings = parse(&text).0.unwrap();
-        assert_eq!(settings.not_supported.len(), 2, "{:?}", settings.not_supported);
+        let (free, fixed) = (Freedom::Free, Freedom::Fixed);
+        let centre = Freedom::Prior(3.0);
+        assert_eq!(settings.calibration, [free, centre, centre, free, free, free, free, fixed]);
+        assert_eq!(settings.shutter, Shutter { readout_s: 0.02, freedom: Freedom::Prior(0.005) });
+        // A lens without distortion that is to be estimated is no pinhole.
+        let text = with("k1 = 0.0\n[camera.refine]\nk1 = \"free\"");
+        assert!(matches!(parse(&text).0.unwrap().camera.lens, Lens::Brown(_)));
+        let wrong = errors(&with("k1 = 0.0\nreadout_s = 5\n[camera.refine]\nk1 = \"loose\"\ncx = \"free\""));
+        assert_eq!(
+            wrong,
+            [
+                "problem.toml:13: column camera.readout_s: expected at most a second from the first to the last \
+                 row, found \"5\"",
+                "problem.toml:15: column camera.refine.k1: expected \"free\", \"fixed\" or a standard deviation \
+                 above 0, found \"\\\"loose\\\"\""
+            ]
+        );
+        let pinhole = WHOLE
+            .replace("\"brown\"", "\"pinhole\"")
+            .replace("k1 = -0.011", "[camera.refine]\ndistortion = \"free\"");
+        assert_eq!(errors(&pinhole).len(), 1);
+    }
+
+    #[test]
+    fn what_is_known_of_receivers_is_read() {
+        let text = format!(
+            "{WHOLE}[gnss]\nclock_offset_s = 0.1\nclock_drift_sigma_ppm = 20\nshift_sigma_m = 0.03\nlever_z_m = 0.05\n"
+        );
+        let gnss = parse(&text).0.unwrap().gnss;
+        assert_eq!(gnss.clock_offset, Some(Known { value_m: 0.1, sigma_m: 0.0 }));
+        assert!((gnss.drift_sigma - 2e-5).abs() < 1e-18);
+        assert_eq!((gnss.shift_sigma_m, gnss.lever_arm_m), (0.03, Vector3::z() * 0.05));
+        assert_eq!(parse(WHOLE).0.unwrap().gnss, ReceiverKnowledge::default());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A table of a TOML file, read key by key so that everything wrong with it is reported at once.
 
 use crate::tables::{Finding, Findings};
+use serde::Deserialize;
 use serde::de::{DeserializeOwned, IntoDeserializer};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -110,6 +111,13 @@ impl<'d, 't> Section<'d, 't> {
             self.error(key, "a text that is not empty");
         }
         Some(text)
+    }
+
+    /// A text or a number; neither, without a finding, where it is something else.
+    pub fn text_or_number(&self, key: &'static str) -> (Option<String>, Option<f64>) {
+        let Some(value) = self.value(key) else { return (None, None) };
+        let text = String::deserialize(value.clone().into_deserializer()).ok();
+        (text, f64::deserialize(value.clone().into_deserializer()).ok())
     }
 
     /// A whole number.

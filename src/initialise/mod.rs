@@ -96,8 +96,7 @@ pub fn initialise_within(
         warn_of_points(vehicle, &estimate, counts.without_depth, &mut warnings);
         vehicles.push(estimate);
     }
-    let mut estimate =
-        Estimate { camera_poses, vehicles, targets: vec![None; problem.targets.len()], terrain_bias_m: 0.0 };
+    let mut estimate = Estimate::new(problem, camera_poses, vehicles);
     let mut without_depth = Vec::new();
     for (at, target) in problem.targets.iter().enumerate() {
         let surveyed = target.surveyed().filter(|_| target.role == Role::Control);

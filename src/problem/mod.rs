@@ -4,9 +4,12 @@
 //! finite, every standard deviation is not negative, keys are unique, times increase. The room
 //! `files` makes it from a folder and refuses anything else.
 
+mod knowledge;
+
 use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::terrain::Terrain;
+pub use knowledge::{Calibration, Freedom, ReceivedPosition, Receiver, ReceiverKnowledge, Shutter};
 use nalgebra::{Point3, Vector2};
 
 /// One film with everything that is known of it.
@@ -16,6 +19,10 @@ pub struct Problem {
     pub name: String,
     /// The camera.
     pub camera: Camera,
+    /// Which numbers of its interior orientation are adjusted.
+    pub calibration: Calibration,
+    /// How its rows are read out.
+    pub shutter: Shutter,
     /// The frames, in time order.
     pub frames: Vec<Frame>,
     /// `world_from_camera` of each frame, as far as it is known beforehand; there is one for every frame,
@@ -33,6 +40,8 @@ pub struct Problem {
     pub vehicle_pose_sigma: PoseSigma,
     /// The ground, where it is known.
     pub ground: Option<GroundKnowledge>,
+    /// Receivers whose positions are adjusted to, in the order of vehicles and points.
+    pub receivers: Vec<Receiver>,
 }
 
 /// A frame of the film.
@@ -187,6 +196,14 @@ impl Vehicle {
     /// Whether a point can have coordinates: one frame alone gives two equations for three unknowns.
     pub fn determinable(&self) -> Vec<bool> {
         self.sightings().into_iter().map(|count| count >= 2).collect()
+    }
+}
+
+impl Problem {
+    /// Whether an image point depends on more than poses and points: rows that are exposed one after
+    /// another, or an interior orientation that is adjusted.
+    pub fn has_open_camera(&self) -> bool {
+        self.shutter.is_rolling() || self.calibration.iter().any(|freedom| freedom.is_adjusted())
     }
 }
 

@@ -6,17 +6,27 @@ use super::motion::{BodyStrength, MotionPrior, MotionPriors};
 use super::outcome::Fits;
 use super::{Adjusted, Arrangement, Body, Network, RefineOptions};
 use crate::estimate::Estimate;
-use crate::problem::Problem;
+use crate::problem::{Problem, Receiver};
 
 /// The problem, the estimate and the least squares of one vehicle alone, at the adjusted unknowns of all;
 /// `None` where there is no final least squares.
 pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(Problem, Estimate, Network)> {
     let Adjusted { estimate, adjustment, network } = adjusted;
     let network = network.as_ref()?;
+    let receivers: Vec<_> = problem
+        .receivers
+        .iter()
+        .zip(&estimate.receivers)
+        .filter(|(receiver, _)| receiver.vehicle == vehicle)
+        .map(|(receiver, found)| (Receiver { vehicle: 0, ..receiver.clone() }, *found))
+        .collect();
     // Field by field: the other vehicles are not copied.
     let own = Problem {
         name: problem.name.clone(),
         camera: problem.camera.clone(),
+        calibration: problem.calibration,
+        shutter: problem.shutter,
+        receivers: receivers.iter().map(|(own, _)| own.clone()).collect(),
         frames: problem.frames.clone(),
         vehicle_pose_sigma: problem.vehicle_pose_sigma,
         ground: problem.ground.clone(),
@@ -31,6 +41,9 @@ pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(
         vehicles: vec![estimate.vehicles[vehicle].clone()],
         targets: estimate.targets.clone(),
         terrain_bias_m: estimate.terrain_bias_m,
+        camera: estimate.camera.clone(),
+        readout_s: estimate.readout_s,
+        receivers: receivers.iter().map(|(_, found)| *found).collect(),
     };
     let fits = Fits {
         vehicles: vec![adjustment.fits.vehicles[vehicle].clone()],

@@ -11,7 +11,7 @@
 //! hundredth, unless nothing else knows the scale.
 
 use crate::geometry::Pose;
-use crate::problem::{PoseSigma, Problem, Role, Vehicle};
+use crate::problem::{PoseSigma, Problem, Receiver, Role, Vehicle};
 use nalgebra::{Rotation3, Vector3};
 
 /// By what the standard deviation of a vehicle's starting position is multiplied along its ray.
@@ -134,6 +134,10 @@ fn control_in_view(problem: &Problem) -> Vec<usize> {
 pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
     let sigma = problem.vehicle_pose_sigma;
     if sigma.position_m == Some(0.0) && !vehicle.has_no_poses() {
+        return None;
+    }
+    let is_own = |receiver: &Receiver| problem.vehicles[receiver.vehicle].id == vehicle.id;
+    if problem.receivers.iter().any(|receiver| is_own(receiver) && receiver.positions.len() >= 2) {
         return None;
     }
     let knows = |axis: usize| vehicle.points.iter().filter(|p| p.known[axis].is_some()).count();

@@ -20,7 +20,7 @@
 
 use super::OUTLIER_SIGMAS;
 use super::outcome::{Fits, ObservationFit};
-use crate::estimate::Estimate;
+use crate::estimate::{Estimate, Imaging};
 use crate::initialise::{point_anew, tracks_left_behind};
 use crate::problem::{Problem, Role};
 use nalgebra::Vector2;
@@ -354,13 +354,13 @@ struct Set {
 /// One for each vehicle, then that of the targets.
 fn sets(problem: &Problem, estimate: &Estimate) -> Vec<Set> {
     let frames = problem.frames.len();
+    let imaging = Imaging::new(problem, estimate);
     let mut sets = Vec::new();
     for (at, vehicle) in problem.vehicles.iter().enumerate() {
         let found = &estimate.vehicles[at];
         let seen = vehicle.observations.iter().map(|o| {
             let is_there = found.left_out.is_none() && found.points[o.point].is_some();
-            let computed =
-                is_there.then(|| estimate.vehicle_image_px(problem, at, o.frame, o.point)).flatten();
+            let computed = is_there.then(|| imaging.vehicle_px(at, o.frame, o.point)).flatten();
             Seen {
                 frame: o.frame,
                 point: o.point,
@@ -379,7 +379,7 @@ fn sets(problem: &Problem, estimate: &Estimate) -> Vec<Set> {
         };
         let computed = position
             .filter(|_| kind == Kind::Point)
-            .and_then(|position| estimate.target_image_px(problem, o.frame, &position));
+            .and_then(|position| imaging.target_px(o.frame, &position));
         Seen {
             frame: o.frame,
             point: o.target,

@@ -18,9 +18,11 @@ mod alone;
 mod body_frame;
 mod datum;
 mod gross_errors;
+mod images;
 mod model;
 mod motion;
 mod outcome;
+mod receivers;
 mod reversal;
 
 pub use alone::alone;
@@ -308,7 +310,8 @@ fn with_points_of(estimate: &Estimate, other: &Estimate) -> Estimate {
 /// change of the datum, which no measurement notices. Seen from adjusted poses the direction of travel is
 /// better known than it was at the start, and what holds it on the way is weak.
 fn look_where_they_drive(problem: &Problem, estimate: &mut Estimate) {
-    for (vehicle, estimate) in problem.vehicles.iter().zip(&mut estimate.vehicles) {
+    let mut receivers = std::mem::take(&mut estimate.receivers);
+    for (at, (vehicle, estimate)) in problem.vehicles.iter().zip(&mut estimate.vehicles).enumerate() {
         let is_known = vehicle.points.iter().any(|p| p.known[0].is_some() || p.known[1].is_some());
         if is_known || !vehicle.has_no_poses() || estimate.left_out.is_some() {
             continue;
@@ -318,7 +321,10 @@ fn look_where_they_drive(problem: &Problem, estimate: &mut Estimate) {
         let body_from_turned = UnitQuaternion::from_scaled_axis(Vector3::z() * angle);
         estimate.poses.iter_mut().flatten().for_each(|pose| pose.rotation *= body_from_turned);
         estimate.points.iter_mut().flatten().for_each(|point| *point = body_from_turned.inverse() * *point);
+        let own = problem.receivers.iter().zip(&mut receivers).filter(|(receiver, _)| receiver.vehicle == at);
+        own.for_each(|(_, found)| found.lever_arm_m = body_from_turned.inverse() * found.lever_arm_m);
     }
+    estimate.receivers = receivers;
 }
 
 struct Run<'a> {

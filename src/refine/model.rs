@@ -5,9 +5,12 @@ use super::RefineOptions;
 use super::body_frame::{ANCHOR_SIGMA_M, BodyFrame};
 use super::datum::{self, Treatment};
 use super::gross_errors::Excluded;
-use super::motion::{Body, Motion, MotionPrior, MotionPriors};
+use super::images::{Images, add_camera_knowledge, add_images};
+use super::motion::{Body, Motion, MotionPrior, MotionPriors, TimedPose};
 use super::outcome::Fits;
-use crate::estimate::{Estimate, VehicleEstimate};
+use super::receivers::{self, ReceiverBlocks, add_receivers};
+use crate::camera::INTERIOR;
+use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::nlls::loss::{Loss, robust_spread_of_many};
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
@@ -18,11 +21,9 @@ use crate::residuals::ground_contact::{FirstContact, NextContact};
 use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
 use crate::residuals::known_coordinate::{KnownCoordinate, KnownZero};
 use crate::residuals::pose_prior::PosePrior;
-use crate::residuals::target_image_point::TargetImagePoint;
-use crate::residuals::vehicle_image_point::VehicleImagePoint;
+use crate::residuals::row_image_point::INTERIOR_BLOCK;
 use crate::terrain::{NoGround, Terrain};
-use nalgebra::{Point3, Rotation3};
-use std::sync::Arc;
+use nalgebra::{Point3, Rotation3, Vector3};
 
 /// Least standard deviations of the contact with the ground \[m, rad\]: nothing stands exactly.
 pub const LEAST_CONTACT_SIGMA: (f64, f64) = (1e-4, 1e-5);
@@ -81,6 +82,14 @@ pub enum Source {
     KnownHeight,
     /// Known coordinates of shape points.
     KnownPoint,
+    /// What is known of the interior orientation.
+    Calibration,
+    /// What is known of the readout time.
+    Readout,
+    /// GNSS positions.
+    Gnss,
+    /// What is known of clocks, lever arms and shifts of GNSS receivers.
+    GnssKnowledge,
     /// Given camera poses whose standard deviations are known.
     CameraPoses,
     /// Smooth motion of cameras.
@@ -109,6 +118,8 @@ pub struct Model {
     pub vehicle_items: Vec<(usize, usize)>,
     /// For each image point of a target likewise its observation.
     pub target_items: Vec<usize>,
+    /// For each GNSS position that takes part: receiver and position.
+    pub gnss_items: Vec<(usize, usize)>,
     /// What a shift of the ground by one standard deviation does to the first row of contacts, whitened: of
     /// first and of next contacts.
     pub ground_shift: Vec<(GroupId, Vec<f64>)>,
@@ -119,19 +130,25 @@ pub struct Model {
     datum: Vec<GroupId>,
     datum_rows: usize,
     blocks: Blocks,
+    /// Vehicle and point of each receiver.
+    receiver_points: Vec<(usize, usize)>,
 }
 
-struct Blocks {
-    cameras: Vec<BlockId>,
-    vehicles: Vec<VehicleBlocks>,
-    targets: Vec<Option<BlockId>>,
-    bias: BlockId,
+/// Where the unknowns of an estimate are.
+pub(super) struct Blocks {
+    pub cameras: Vec<BlockId>,
+    pub vehicles: Vec<VehicleBlocks>,
+    pub targets: Vec<Option<BlockId>>,
+    pub bias: BlockId,
+    /// Interior orientation and readout time, where image points depend on them as unknowns or on rows.
+    pub open_camera: Option<[BlockId; 2]>,
+    pub receivers: Vec<Option<ReceiverBlocks>>,
 }
 
 #[derive(Default)]
-struct VehicleBlocks {
-    poses: Vec<Option<BlockId>>,
-    points: Vec<Option<BlockId>>,
+pub(super) struct VehicleBlocks {
+    pub poses: Vec<Option<BlockId>>,
+    pub points: Vec<Option<BlockId>>,
 }
 
 impl Model {
@@ -160,16 +177,30 @@ impl Model {
         }
         let mut builder = SystemBuilder::default();
         let blocks = add_blocks(&mut builder, problem, current, &cameras, &vehicles);
-        for vehicle in &blocks.vehicles {
-            let points = vehicle.points.iter().flatten().copied().collect();
+        for (at, vehicle) in blocks.vehicles.iter().enumerate() {
+            let receivers = problem.receivers.iter().zip(&blocks.receivers);
+            let antennas =
+                receivers.filter(|(r, _)| r.vehicle == at).filter_map(|(_, own)| Some((*own)?.antenna));
+            let points = vehicle.points.iter().flatten().copied().chain(antennas).collect();
             builder.add_rigid_body(points, vehicle.poses.iter().flatten().copied().collect());
         }
         let Images { groups: images, vehicle_items, target_items } =
-            add_images(&mut builder, problem, &blocks, purpose);
+            add_images(&mut builder, problem, current, &blocks, purpose);
         let highest_points = highest_points(problem, current);
         let knowledge = add_knowledge(&mut builder, problem, &blocks, &highest_points);
         let mut sources = vec![(Source::VehicleImages, images[0]), (Source::TargetImages, images[1])];
         sources.extend(knowledge);
+        let of_camera = add_camera_knowledge(&mut builder, problem, blocks.open_camera);
+        sources.extend(
+            of_camera
+                .into_iter()
+                .zip([Source::Calibration, Source::Readout, Source::Convention, Source::Convention])
+                .map(|(group, source)| (source, group)),
+        );
+        let received = add_receivers(&mut builder, problem, current, &blocks, purpose, &mut warnings);
+        sources.push((Source::Gnss, received.positions));
+        sources.extend(received.knowledge.map(|group| (Source::GnssKnowledge, group)));
+        sources.push((Source::Convention, received.conventions));
         // Frames may have been turned since, and must not be pulled back.
         let now = matches!(purpose, Purpose::Statistics { .. }).then_some(current);
         let starting = Starting { start, now, cameras: &cameras, vehicles: &vehicles };
@@ -204,7 +235,7 @@ impl Model {
         }
         sources.push((Source::Convention, add_usual_sizes(&mut builder, start, &blocks)));
         sources.push((Source::Convention, add_tie_points(&mut builder, problem, current, &blocks)));
-        let motion = add_motion(&mut builder, problem, &blocks, options.motion);
+        let motion = add_motion(&mut builder, problem, current, &blocks, options.motion);
         sources.extend(motion.bodies().map(|(body, group)| match body {
             Body::Camera => (Source::CameraMotion, group),
             Body::Vehicle(_) => (Source::VehicleMotion, group),
@@ -228,11 +259,13 @@ impl Model {
             sources,
             vehicle_items,
             target_items,
+            gnss_items: received.items,
             ground_shift,
             images,
             datum: poses.into_iter().chain([shapes]).collect(),
             datum_rows: pose_rows + shape_rows,
             blocks,
+            receiver_points: problem.receivers.iter().map(|r| (r.vehicle, r.point)).collect(),
         }
     }
 
@@ -299,6 +332,21 @@ impl Model {
         self.blocks.targets[target]
     }
 
+    /// Blocks of the interior orientation and of the readout time, where anything depends on them.
+    pub fn open_camera(&self) -> Option<[BlockId; 2]> {
+        self.blocks.open_camera
+    }
+
+    /// Block of clock, drift and shift of a receiver.
+    pub fn receiver(&self, receiver: usize) -> Option<BlockId> {
+        Some(self.blocks.receivers[receiver]?.receiver)
+    }
+
+    /// Block of the antenna of a receiver.
+    pub fn antenna(&self, receiver: usize) -> Option<BlockId> {
+        Some(self.blocks.receivers[receiver]?.antenna)
+    }
+
     /// The groups of a source.
     pub fn groups_of(&self, source: Source) -> impl Iterator<Item = GroupId> {
         self.sources.iter().filter(move |(of, _)| *of == source).map(|(_, group)| *group)
@@ -333,7 +381,11 @@ impl Model {
     pub fn prior_rows(&self, values: &Values) -> (usize, f64) {
         let squares =
             |group: GroupId| -> f64 { self.system.squared_norms(group, values).into_iter().flatten().sum() };
-        const COUNTED: [Source; 6] = [
+        const COUNTED: [Source; 10] = [
+            Source::Calibration,
+            Source::Readout,
+            Source::Gnss,
+            Source::GnssKnowledge,
             Source::Survey,
             Source::Terrain,
             Source::KnownHeight,
@@ -371,6 +423,25 @@ impl Model {
         }
         self.set_points(&mut values, &self.blocks.targets, &estimate.targets);
         self.system.set_value(&mut values, self.blocks.bias, &[estimate.terrain_bias_m]);
+        if let Some([interior, readout]) = self.blocks.open_camera {
+            self.system.set_value(&mut values, interior, &estimate.camera.interior());
+            self.system.set_value(&mut values, readout, &[estimate.readout_s]);
+        }
+        for ((own, found), (vehicle, point)) in
+            self.blocks.receivers.iter().zip(&estimate.receivers).zip(&self.receiver_points)
+        {
+            let place = estimate.vehicles[*vehicle].points[*point];
+            if let (Some(own), Some(place)) = (own, place) {
+                self.system.set_value(
+                    &mut values,
+                    own.antenna,
+                    (place + found.lever_arm_m).coords.as_slice(),
+                );
+                let shift = found.shift_m;
+                let value = [found.clock_offset_s, found.clock_drift, shift.x, shift.y, shift.z];
+                self.system.set_value(&mut values, own.receiver, &value);
+            }
+        }
         values
     }
 
@@ -401,11 +472,41 @@ impl Model {
         };
         let vehicles = self.blocks.vehicles.iter().zip(&start.vehicles).zip(&problem.vehicles);
         let targets = self.blocks.targets.iter().zip(&start.targets);
+        let (camera, readout_s) = match self.blocks.open_camera {
+            None => (start.camera.clone(), start.readout_s),
+            Some([interior, readout]) => {
+                let numbers: [f64; INTERIOR] =
+                    self.system.value(values, interior).try_into().expect("an interior orientation");
+                let is_adjusted = self.system.free(interior).contains(&true);
+                let camera =
+                    if is_adjusted { problem.camera.with_interior(&numbers) } else { start.camera.clone() };
+                (camera, self.system.value(values, readout)[0])
+            }
+        };
+        let receiver = |((own, start), (vehicle, at)): (
+            (&Option<ReceiverBlocks>, &ReceiverEstimate),
+            &(usize, usize),
+        )| {
+            let Some((own, place)) = own.zip(self.blocks.vehicles[*vehicle].points[*at]) else {
+                return *start;
+            };
+            let value = self.system.value(values, own.receiver);
+            ReceiverEstimate {
+                clock_offset_s: value[0],
+                clock_drift: value[1],
+                shift_m: Vector3::new(value[2], value[3], value[4]),
+                lever_arm_m: point(own.antenna) - point(place),
+            }
+        };
+        let receivers = self.blocks.receivers.iter().zip(&start.receivers).zip(&self.receiver_points);
         Estimate {
             camera_poses: self.blocks.cameras.iter().map(|block| pose(*block)).collect(),
+            receivers: receivers.map(receiver).collect(),
             vehicles: vehicles.map(vehicle).collect(),
             targets: targets.map(|(block, start)| block.map(point).or(*start)).collect(),
             terrain_bias_m: self.system.value(values, self.blocks.bias)[0],
+            camera,
+            readout_s,
         }
     }
 }
@@ -442,6 +543,8 @@ fn add_blocks(
         vehicles: problem.vehicles.iter().map(|_| VehicleBlocks::default()).collect(),
         targets: Vec::new(),
         bias: BlockId::default(),
+        open_camera: None,
+        receivers: Vec::new(),
     };
     let without_pose: Vec<Vec<bool>> = problem.vehicles.iter().map(|v| v.frames_without_pose()).collect();
     for frame in 0..problem.frames.len() {
@@ -472,6 +575,15 @@ fn add_blocks(
     }
     let bias_is_free = problem.ground.as_ref().is_some_and(|ground| ground.bias_sigma_m > 0.0);
     blocks.bias = builder.add_block(Manifold::SCALAR, &[current.terrain_bias_m], &[bias_is_free]);
+    blocks.open_camera = problem.has_open_camera().then(|| {
+        let free = problem.calibration.map(|freedom| freedom.is_adjusted());
+        let readout_is_free = problem.shutter.freedom.is_adjusted();
+        [
+            builder.add_block(INTERIOR_BLOCK, &current.camera.interior(), &free),
+            builder.add_block(Manifold::SCALAR, &[current.readout_s], &[readout_is_free]),
+        ]
+    });
+    blocks.receivers = receivers::add_blocks(builder, problem, current);
     blocks
 }
 
@@ -490,66 +602,6 @@ fn add_point(
         }
     }
     Some(builder.add_block(Manifold::POINT, point.coords.as_slice(), &free))
-}
-
-/// Groups of image points and which observations are in them.
-struct Images {
-    groups: [GroupId; 2],
-    vehicle_items: Vec<(usize, usize)>,
-    target_items: Vec<usize>,
-}
-
-fn add_images(
-    builder: &mut SystemBuilder,
-    problem: &Problem,
-    blocks: &Blocks,
-    purpose: Purpose<'_>,
-) -> Images {
-    let camera = Arc::new(problem.camera.clone());
-    let takes_vehicle = |vehicle: usize, item: usize| match purpose {
-        Purpose::Adjustment { excluded } => excluded.vehicles[vehicle][item].is_none(),
-        Purpose::Statistics { fits, .. } => fits.vehicles[vehicle][item].is_some_and(|fit| fit.is_accepted()),
-    };
-    let takes_target = |item: usize| match purpose {
-        Purpose::Adjustment { excluded } => excluded.targets[item].is_none(),
-        Purpose::Statistics { fits, .. } => fits.targets[item].is_some_and(|fit| fit.is_accepted()),
-    };
-    let (mut of_vehicles, mut vehicle_items) = (Vec::new(), Vec::new());
-    for (at, (vehicle, vehicle_blocks)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
-        for (item, observation) in vehicle.observations.iter().enumerate() {
-            let pose = vehicle_blocks.poses[observation.frame];
-            let (Some(pose), Some(point)) = (pose, vehicle_blocks.points[observation.point]) else {
-                continue;
-            };
-            let seen = [blocks.cameras[observation.frame], pose, point];
-            if builder.decides(&seen) && takes_vehicle(at, item) {
-                of_vehicles.push(Measurement {
-                    residual: VehicleImagePoint { camera: camera.clone(), observed_px: observation.image_px },
-                    blocks: seen,
-                    sigma: [observation.sigma_px; 2],
-                });
-                vehicle_items.push((at, item));
-            }
-        }
-    }
-    let (mut of_targets, mut target_items) = (Vec::new(), Vec::new());
-    for (item, observation) in problem.target_observations.iter().enumerate() {
-        let Some(target) = blocks.targets[observation.target] else { continue };
-        let seen = [blocks.cameras[observation.frame], target];
-        if builder.decides(&seen) && takes_target(item) {
-            of_targets.push(Measurement {
-                residual: TargetImagePoint { camera: camera.clone(), observed_px: observation.image_px },
-                blocks: seen,
-                sigma: [observation.sigma_px; 2],
-            });
-            target_items.push(item);
-        }
-    }
-    let groups = [
-        builder.add_group("image point of a vehicle point", Loss::Squared, of_vehicles),
-        builder.add_group("image point of a target", Loss::Squared, of_targets),
-    ];
-    Images { groups, vehicle_items, target_items }
 }
 
 /// What is known beforehand of points, heights and the terrain as a whole.
@@ -825,18 +877,27 @@ fn ground_around(terrain: &Terrain, pose: &Pose) -> Result<(), NoGround> {
 fn add_motion(
     builder: &mut SystemBuilder,
     problem: &Problem,
+    current: &Estimate,
     blocks: &Blocks,
     priors: MotionPriors,
 ) -> Motion {
-    let time = |frame: usize| problem.frames[frame].time_s;
-    let with_time = |poses: &mut dyn Iterator<Item = Option<BlockId>>| -> Vec<(f64, BlockId)> {
-        poses.enumerate().filter_map(|(frame, block)| Some((time(frame), block?))).collect()
-    };
     let mut motion = Motion::default();
-    let camera = with_time(&mut blocks.cameras.iter().copied().map(Some));
-    motion.add(builder, Body::Camera, &camera, priors.camera);
-    for (vehicle, blocks) in problem.vehicles.iter().zip(&blocks.vehicles) {
-        let poses = with_time(&mut blocks.poses.iter().copied());
+    let pose = |frame: usize, block: BlockId| TimedPose {
+        time_s: problem.frames[frame].time_s,
+        block,
+        seen_from: None,
+    };
+    let of_camera: Vec<TimedPose> =
+        blocks.cameras.iter().enumerate().map(|(frame, block)| pose(frame, *block)).collect();
+    motion.add(builder, Body::Camera, &of_camera, priors.camera);
+    for (at, (vehicle, blocks)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
+        let seen = |(frame, block): (usize, &Option<BlockId>)| {
+            let camera = Point3::from(current.camera_poses[frame].translation.vector);
+            let place = current.vehicles[at].poses[frame]?.translation.vector;
+            let distance_m = (place - camera.coords).norm().max(1.0);
+            Some(TimedPose { seen_from: Some((camera, distance_m)), ..pose(frame, (*block)?) })
+        };
+        let poses: Vec<TimedPose> = blocks.poses.iter().enumerate().filter_map(seen).collect();
         motion.add(builder, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle);
     }
     motion

@@ -15,7 +15,9 @@ use super::NoSolution;
 use crate::nlls::loss::Loss;
 use crate::nlls::minimise::Minimiser;
 use crate::nlls::system::{Accuracy, BlockId, GroupId, Measurement, System, SystemBuilder, Values};
+use crate::residuals::scale_free::ScaleFree;
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
+use nalgebra::Point3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -88,6 +90,17 @@ pub enum Body {
     Vehicle(String),
 }
 
+/// A pose of a body.
+#[derive(Clone, Copy, Debug)]
+pub struct TimedPose {
+    /// Its time \[s\].
+    pub time_s: f64,
+    /// Its block.
+    pub block: BlockId,
+    /// The camera that saw it and its distance \[m\]; all poses of a body have one, or none.
+    pub seen_from: Option<(Point3<f64>, f64)>,
+}
+
 /// The groups of motion priors in a system.
 #[derive(Default)]
 pub struct Motion {
@@ -133,13 +146,7 @@ pub struct BodyStrength {
 
 impl Motion {
     /// Adds the prior of a body with these poses in time order.
-    pub fn add(
-        &mut self,
-        builder: &mut SystemBuilder,
-        body: Body,
-        poses: &[(f64, BlockId)],
-        prior: MotionPrior,
-    ) {
+    pub fn add(&mut self, builder: &mut SystemBuilder, body: Body, poses: &[TimedPose], prior: MotionPrior) {
         let is_estimated = prior == MotionPrior::Estimated;
         let first = match (prior, &body) {
             (MotionPrior::Off, _) => return,
@@ -147,23 +154,29 @@ impl Motion {
             (MotionPrior::Estimated, Body::Camera) => FIRST_CAMERA,
             (MotionPrior::Estimated, Body::Vehicle(_)) => FIRST_VEHICLE,
         };
-        let (mut positions, mut rotations) = (Vec::new(), Vec::new());
+        let (mut plain, mut positions, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
         for three in poses.windows(3) {
-            let [(t0, p0), (t1, p1), (t2, p2)] = [three[0], three[1], three[2]];
-            let steps = Steps { first_s: t1 - t0, second_s: t2 - t1 };
-            let (blocks, root) = ([p0, p1, p2], steps.mean_s().sqrt());
-            positions.push(Measurement {
-                residual: Acceleration(steps),
-                blocks,
-                sigma: [first.acceleration_mps2 / root; 3],
-            });
+            let [a, b, c] = [&three[0], &three[1], &three[2]];
+            let steps = Steps { first_s: b.time_s - a.time_s, second_s: c.time_s - b.time_s };
+            let (blocks, root) = ([a.block, b.block, c.block], steps.mean_s().sqrt());
+            let sigma = [first.acceleration_mps2 / root; 3];
+            match b.seen_from {
+                None => plain.push(Measurement { residual: Acceleration(steps), blocks, sigma }),
+                Some((camera, distance_m)) => {
+                    let residual = ScaleFree { motion: Acceleration(steps), camera, distance_m };
+                    positions.push(Measurement { residual, blocks, sigma });
+                }
+            }
             rotations.push(Measurement {
                 residual: AngularAcceleration(steps),
                 blocks,
                 sigma: [first.angular_acceleration_rps2 / root; 3],
             });
         }
-        let positions = builder.add_group("smooth position", Loss::Squared, positions);
+        let positions = match plain.is_empty() {
+            true => builder.add_group("smooth position", Loss::Squared, positions),
+            false => builder.add_group("smooth position", Loss::Squared, plain),
+        };
         let rotations = builder.add_group("smooth attitude", Loss::Squared, rotations);
         for (group, first, is_rotation) in
             [(positions, first.acceleration_mps2, false), (rotations, first.angular_acceleration_rps2, true)]
@@ -337,8 +350,12 @@ mod tests {
                 sigma: SIGMAS,
             });
             builder.add_group("poses", Loss::Squared, rows.collect());
-            let timed: Vec<(f64, BlockId)> =
-                blocks.iter().enumerate().map(|(at, block)| (at as f64 * STEP_S, *block)).collect();
+            let timed = |(at, block): (usize, &BlockId)| TimedPose {
+                time_s: at as f64 * STEP_S,
+                block: *block,
+                seen_from: None,
+            };
+            let timed: Vec<TimedPose> = blocks.iter().enumerate().map(timed).collect();
             let mut motion = Motion::default();
             motion.add(&mut builder, Body::Camera, &timed, MotionPrior::Estimated);
             let mut system = builder.build();

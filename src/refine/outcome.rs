@@ -4,7 +4,7 @@ use super::Network;
 use super::gross_errors::{self, Excluded, Tally, Verdict, Verdicts};
 use super::model::Model;
 use super::motion::BodyStrength;
-use crate::estimate::Estimate;
+use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
 use crate::nlls::linear::ordering::Rule;
 use crate::nlls::loss::Loss;
@@ -219,12 +219,13 @@ impl Fits {
             behind_camera: 0,
             not_used: 0,
         };
+        let imaging = Imaging::new(problem, estimate);
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let found = &estimate.vehicles[at];
             let mut of_vehicle = Vec::with_capacity(vehicle.observations.len());
             for o in &vehicle.observations {
                 let is_used = found.left_out.is_none() && found.points[o.point].is_some();
-                let computed = is_used.then(|| estimate.vehicle_image_px(problem, at, o.frame, o.point));
+                let computed = is_used.then(|| imaging.vehicle_px(at, o.frame, o.point));
                 of_vehicle.push(fits.count(computed, o.image_px, o.sigma_px, image_loss));
             }
             fits.vehicles.push(of_vehicle);
@@ -235,7 +236,7 @@ impl Fits {
                 Role::Control => estimate.targets[o.target],
                 Role::Check => target.surveyed(),
             };
-            let computed = position.map(|p| estimate.target_image_px(problem, o.frame, &p));
+            let computed = position.map(|p| imaging.target_px(o.frame, &p));
             let fit = fits.count(computed, o.image_px, o.sigma_px, image_loss);
             fits.targets.push(fit);
         }

@@ -15,7 +15,7 @@ use crate::geometry::rotation::{exp, log};
 use crate::nlls::linear::cholesky::TooLarge;
 use crate::nlls::loss::Loss;
 use crate::nlls::minimise::{Minimiser, MinimiserOptions};
-use crate::problem::{PoseSigma, Problem};
+use crate::problem::{Freedom, PoseSigma, Problem, Shutter};
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
 /// A body that turns more than this across the line of sight has one depth \[rad\].
@@ -45,7 +45,11 @@ pub fn better_reversed(
         // Field by field: the other vehicles are not copied.
         let alone = Problem {
             name: problem.name.clone(),
-            camera: problem.camera.clone(),
+            camera: now.camera.clone(),
+            calibration: Default::default(),
+            shutter: Shutter { readout_s: now.readout_s, freedom: Freedom::Fixed },
+            // They say nothing of depth that the images do not.
+            receivers: Vec::new(),
             frames: problem.frames.clone(),
             vehicle_pose_sigma: problem.vehicle_pose_sigma,
             ground: problem.ground.clone(),
@@ -60,6 +64,9 @@ pub fn better_reversed(
             vehicles: vec![vehicle.clone()],
             targets: Vec::new(),
             terrain_bias_m: of.terrain_bias_m,
+            camera: now.camera.clone(),
+            readout_s: now.readout_s,
+            receivers: Vec::new(),
         };
         let own = strengths.iter().find(|s| s.body == Body::Vehicle(vehicle.id.clone()));
         let motion = MotionPriors {

@@ -34,6 +34,26 @@ impl Residual<1, 1> for KnownCoordinate {
     }
 }
 
+/// Block: numbers, of which one is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownNumber<const N: usize> {
+    /// Which.
+    pub at: usize,
+    /// What it is known to be, in its own unit.
+    pub known: f64,
+}
+
+impl<const N: usize> Residual<1, 1> for KnownNumber<N> {
+    const MANIFOLDS: [Manifold; 1] = [Manifold::Vector(N)];
+
+    fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<1, 1>>) -> Option<Vector1<f64>> {
+        if let Some(jacobian) = jacobian {
+            jacobian.0[0][(0, self.at)] = 1.0;
+        }
+        Some(Vector1::new(x[0][self.at] - self.known))
+    }
+}
+
 /// Block: one number, known to be zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownZero;
@@ -63,5 +83,7 @@ mod tests {
             assert_eq!(found, [0.3, -2.0, 1.6][axis] - 1.5);
         }
         assert_jacobian(&KnownZero, &[&[0.4]]);
+        assert_jacobian(&KnownNumber::<4> { at: 2, known: 0.3 }, &[&[0.4, 0.1, 0.5, 2.0]]);
+        assert_jacobian(&KnownNumber::<1> { at: 0, known: 0.3 }, &[&[0.4]]);
     }
 }

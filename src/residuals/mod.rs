@@ -5,16 +5,22 @@
 //! | image point of a vehicle point | [`vehicle_image_point`] |
 //! | image point of a target | [`target_image_point`] |
 //! | surveyed coordinate of a target, known coordinate of a shape point, height of the body, bias of the terrain | [`known_coordinate`] |
+//! | image point at the time of its row, of an interior orientation that is adjusted | [`row_image_point`] |
+//! | measured position of an antenna | [`antenna_position`] |
 //! | starting pose of a camera or a vehicle | [`pose_prior`] |
 //! | contact of a vehicle with the ground | [`ground_contact`] |
 //! | smooth motion of a camera or a vehicle | [`smooth_motion`] |
+//! | ... of a vehicle, in distances from the camera | [`scale_free`] |
 //!
 //! Poses are `world_from_body` and perturbed as [`crate::nlls::manifold`] says.
 
+pub mod antenna_position;
 pub mod ground_contact;
 pub mod inside_body;
 pub mod known_coordinate;
 pub mod pose_prior;
+pub mod row_image_point;
+pub mod scale_free;
 pub mod smooth_motion;
 pub mod target_image_point;
 pub mod vehicle_image_point;

@@ -159,11 +159,17 @@ impl Film {
             }],
             targets: targets.iter().map(Target::surveyed).collect(),
             terrain_bias_m: 0.0,
+            camera: camera.clone(),
+            readout_s: 0.0,
+            receivers: Vec::new(),
         };
         let unknown = PoseSigma { position_m: None, rotation_rad: [None; 3] };
         let problem = Problem {
             name: format!("drawn-{seed}"),
             camera,
+            calibration: Default::default(),
+            shutter: Default::default(),
+            receivers: Vec::new(),
             frames: (0..self.frames)
                 .map(|at| Frame { number: at as i64, time_s: at as f64 * STEP_S })
                 .collect(),

@@ -4,6 +4,7 @@
 pub mod drawn;
 pub mod drive;
 pub mod gross;
+pub mod moving;
 pub mod photogrammetry;
 pub mod score;
 

@@ -1,0 +1,134 @@
+//! Image points that an estimate predicts, each at the time of its row.
+
+use super::Estimate;
+use crate::geometry::{Pose, se3};
+use crate::problem::Problem;
+use nalgebra::{Point3, Vector2, Vector3, Vector6};
+
+/// Motion is taken from frames this far before and after, or the nearest beyond \[s\].
+const HALF_SPAN_S: f64 = 0.1;
+/// ... unless they are as far as this: then nobody saw how it moved in between.
+const MOST_SPAN_S: f64 = 1.5;
+
+/// How cameras see the static world and vehicles move, frame by frame: twists `[v; w]` in the camera frame,
+/// `dX/dt = w x X + v` \[m/s, rad/s\].
+#[derive(Clone, Debug)]
+pub struct RowMotion {
+    /// Of the static world.
+    pub world: Vec<Vector6<f64>>,
+    /// Of each vehicle; zero where it has no pose.
+    pub vehicles: Vec<Vec<Vector6<f64>>>,
+}
+
+impl RowMotion {
+    /// The motions of an estimate.
+    pub fn new(problem: &Problem, estimate: &Estimate) -> RowMotion {
+        let times: Vec<f64> = problem.frames.iter().map(|frame| frame.time_s).collect();
+        let world: Vec<Option<Pose>> =
+            estimate.camera_poses.iter().map(|pose| Some(pose.inverse())).collect();
+        let of_vehicle = |vehicle: &super::VehicleEstimate| {
+            let seen = estimate.camera_poses.iter().zip(&vehicle.poses);
+            let seen: Vec<Option<Pose>> =
+                seen.map(|(camera, pose)| Some(camera.inverse() * (*pose)?)).collect();
+            twists(&times, &seen)
+        };
+        RowMotion {
+            world: twists(&times, &world),
+            vehicles: estimate.vehicles.iter().map(of_vehicle).collect(),
+        }
+    }
+}
+
+/// The twist of a body at each moment, from its poses before and after.
+fn twists(times: &[f64], camera_from_body: &[Option<Pose>]) -> Vec<Vector6<f64>> {
+    let known: Vec<usize> = (0..times.len()).filter(|at| camera_from_body[*at].is_some()).collect();
+    let mut all = vec![Vector6::zeros(); times.len()];
+    for (place, &at) in known.iter().enumerate() {
+        let time_s = times[at];
+        let mut before = place;
+        while before > 0 && time_s - times[known[before]] < HALF_SPAN_S - 1e-6 {
+            before -= 1;
+        }
+        let mut after = place;
+        while after + 1 < known.len() && times[known[after]] - time_s < HALF_SPAN_S - 1e-6 {
+            after += 1;
+        }
+        let (first, last) = (known[before], known[after]);
+        let span_s = times[last] - times[first];
+        if let (Some(from), Some(to)) = (&camera_from_body[first], &camera_from_body[last])
+            && first < last
+            && span_s < MOST_SPAN_S
+        {
+            all[at] = se3::log(&(to * from.inverse())) / span_s;
+        }
+    }
+    all
+}
+
+/// How an estimate is seen.
+pub struct Imaging<'a> {
+    estimate: &'a Estimate,
+    motion: Option<RowMotion>,
+}
+
+impl<'a> Imaging<'a> {
+    /// The image points of an estimate.
+    pub fn new(problem: &Problem, estimate: &'a Estimate) -> Self {
+        let motion = (estimate.readout_s != 0.0).then(|| RowMotion::new(problem, estimate));
+        Imaging { estimate, motion }
+    }
+
+    /// Computed image point of a point of a vehicle; `None` where one of its unknowns has no value or the
+    /// camera does not see it.
+    pub fn vehicle_px(&self, vehicle: usize, frame: usize, point: usize) -> Option<Vector2<f64>> {
+        let found = &self.estimate.vehicles[vehicle];
+        let in_world = found.poses[frame]? * found.points[point]?;
+        self.seen(frame, &in_world, |motion| &motion.vehicles[vehicle][frame])
+    }
+
+    /// Computed image point of a target at `position`.
+    pub fn target_px(&self, frame: usize, position: &Point3<f64>) -> Option<Vector2<f64>> {
+        self.seen(frame, position, |motion| &motion.world[frame])
+    }
+
+    fn seen<'m>(
+        &'m self,
+        frame: usize,
+        in_world: &Point3<f64>,
+        twist: impl Fn(&'m RowMotion) -> &'m Vector6<f64>,
+    ) -> Option<Vector2<f64>> {
+        let camera = &self.estimate.camera;
+        let in_camera = self.estimate.camera_poses[frame].inverse_transform_point(in_world).coords;
+        let plain = camera.project(&in_camera)?;
+        let Some(motion) = &self.motion else { return Some(plain) };
+        let twist = twist(motion);
+        let at_row = |v_px: f64| -> Option<Vector2<f64>> {
+            let moved = se3::exp(&(twist * (camera.row_delay(v_px) * self.estimate.readout_s)));
+            let place: Vector3<f64> = moved.rotation * in_camera + moved.translation.vector;
+            camera.project(&place)
+        };
+        // The row is that where it is seen by then.
+        at_row(at_row(plain.y)?.y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_twist_of_a_steady_motion_is_found_at_irregular_times_and_beside_gaps() {
+        let twist = Vector6::new(9.0, -4.0, 0.5, 0.02, -0.3, 0.4);
+        let start = crate::geometry::pose([1.0, 2.0, 60.0], [0.9, 0.1, 0.2, 0.3]);
+        let times = [0.0, 0.03, 0.07, 0.1, 0.14, 0.2, 0.9, 1.0];
+        let mut poses: Vec<Option<Pose>> =
+            times.iter().map(|t| Some(se3::exp(&(twist * *t)) * start)).collect();
+        poses[3] = None;
+        let found = twists(&times, &poses);
+        for (at, found) in found.iter().enumerate() {
+            let wanted = if at == 3 { Vector6::zeros() } else { twist };
+            assert!((found - wanted).norm() < 1e-9, "{at}: {found}");
+        }
+        assert_eq!(twists(&[0.0], &[Some(start)]), [Vector6::zeros()]);
+    }
+}

@@ -1,0 +1,241 @@
+//! Positions that receivers on vehicles measured, as measurements.
+//!
+//! A position belongs to the three frames around its video time, which depends on the clock offset: they are
+//! chosen anew with every model.
+
+use super::model::{Blocks, Purpose};
+use super::outcome::OUTLIER_SIGMAS;
+use crate::estimate::{Estimate, ReceiverEstimate};
+use crate::nlls::loss::{Loss, LossName};
+use crate::nlls::manifold::write_pose;
+use crate::nlls::residual::Residual;
+use crate::nlls::system::{BlockId, GroupId, Measurement, SystemBuilder};
+use crate::problem::{Problem, Receiver};
+use crate::residuals::antenna_position::{AntennaPosition, LeverArm, RECEIVER, video_time_s};
+use crate::residuals::known_coordinate::KnownNumber;
+use nalgebra::{Point3, Vector3};
+
+/// The blocks of a receiver.
+#[derive(Clone, Copy, Debug)]
+pub struct ReceiverBlocks {
+    /// Its antenna in the vehicle frame.
+    pub antenna: BlockId,
+    /// Clock offset, drift, shift.
+    pub receiver: BlockId,
+}
+
+/// No lever arm is known better \[m\].
+const LEAST_LEVER_SIGMA_M: f64 = 1e-3;
+/// By what a clock of which nothing is known is kept near its start \[s\].
+const CONVENTIONAL_OFFSET_S: f64 = 10.0;
+
+/// Middle of a film, where clock offsets are counted \[s\].
+pub fn middle_s(problem: &Problem) -> f64 {
+    let times = problem.frames.first().zip(problem.frames.last());
+    times.map_or(0.0, |(first, last)| 0.5 * (first.time_s + last.time_s))
+}
+
+/// Where the antenna of a receiver is in the vehicle frame; `None` where its point has no place.
+pub fn antenna(receiver: &Receiver, found: &ReceiverEstimate, estimate: &Estimate) -> Option<Point3<f64>> {
+    let vehicle = &estimate.vehicles[receiver.vehicle];
+    let point = vehicle.points[receiver.point].filter(|_| vehicle.left_out.is_none())?;
+    Some(point + found.lever_arm_m)
+}
+
+/// The blocks of all receivers; `None` where the point of one has no place.
+pub fn add_blocks(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    current: &Estimate,
+) -> Vec<Option<ReceiverBlocks>> {
+    let of_receiver = |(receiver, found): (&Receiver, &ReceiverEstimate)| {
+        let antenna = antenna(receiver, found, current)?;
+        let known = &receiver.knowledge;
+        let drifts = known.drift_sigma > 0.0;
+        let shifts = known.shift_sigma_m > 0.0;
+        let has_offset = known.clock_offset.is_none_or(|offset| offset.sigma_m > 0.0);
+        let shift = found.shift_m;
+        let value = [found.clock_offset_s, found.clock_drift, shift.x, shift.y, shift.z];
+        Some(ReceiverBlocks {
+            antenna: builder.add_block(
+                crate::nlls::manifold::Manifold::POINT,
+                antenna.coords.as_slice(),
+                &[true; 3],
+            ),
+            receiver: builder.add_block(RECEIVER, &value, &[has_offset, drifts, shifts, shifts, shifts]),
+        })
+    };
+    problem.receivers.iter().zip(&current.receivers).map(of_receiver).collect()
+}
+
+/// The groups of receivers.
+pub struct ReceiverGroups {
+    /// Measured positions.
+    pub positions: GroupId,
+    /// What is known of clocks, shifts and lever arms.
+    pub knowledge: [GroupId; 2],
+    /// What only keeps clocks near their start.
+    pub conventions: GroupId,
+    /// Receiver and position of each measured position.
+    pub items: Vec<(usize, usize)>,
+}
+
+/// The three frames around a time, from the times of frames that have a pose; `None` outside the film.
+fn frames_around(times: &[(usize, f64)], time_s: f64) -> Option<[usize; 3]> {
+    let n = times.len();
+    if n < 3 {
+        return None;
+    }
+    let step = |at: usize| times[at + 1].1 - times[at].1;
+    if time_s < times[0].1 - 0.5 * step(0) || time_s > times[n - 1].1 + 0.5 * step(n - 2) {
+        return None;
+    }
+    let after = times.partition_point(|(_, t)| *t < time_s);
+    let nearest = match after {
+        0 => 0,
+        at if at == n => n - 1,
+        at if time_s - times[at - 1].1 < times[at].1 - time_s => at - 1,
+        at => at,
+    };
+    let middle = nearest.clamp(1, n - 2);
+    Some([middle - 1, middle, middle + 1])
+}
+
+/// Adds the positions that fall into the film, and what is known of receivers.
+pub fn add_receivers(
+    builder: &mut SystemBuilder,
+    problem: &Problem,
+    current: &Estimate,
+    blocks: &Blocks,
+    purpose: Purpose<'_>,
+    warnings: &mut Vec<String>,
+) -> ReceiverGroups {
+    let middle_s = middle_s(problem);
+    let (mut positions, mut items) = (Vec::new(), Vec::new());
+    let (mut numbers, mut arms, mut kept) = (Vec::new(), Vec::new(), Vec::new());
+    for (at, (receiver, own)) in problem.receivers.iter().zip(&blocks.receivers).enumerate() {
+        let name = receiver.name(&problem.vehicles);
+        let Some(own) = own else {
+            warnings.push(format!("GNSS positions of {name}: not used, its point has no place"));
+            continue;
+        };
+        let poses = &blocks.vehicles[receiver.vehicle].poses;
+        let times: Vec<(usize, f64)> = poses
+            .iter()
+            .enumerate()
+            .filter(|(_, pose)| pose.is_some())
+            .map(|(frame, _)| (frame, problem.frames[frame].time_s))
+            .collect();
+        let found = &current.receivers[at];
+        let (mut rejected, mut used) = (0, 0);
+        for (item, position) in receiver.positions.iter().enumerate() {
+            let t = video_time_s(position.time_s, middle_s, found.clock_offset_s, found.clock_drift);
+            let Some(around) = frames_around(&times, t) else { continue };
+            let residual = AntennaPosition {
+                frames_s: around.map(|k| times[k].1),
+                time_s: position.time_s,
+                middle_s,
+                measured: position.position,
+            };
+            let frames = around.map(|k| times[k].0);
+            if matches!(purpose, Purpose::Statistics { .. })
+                && is_gross(problem, current, at, &residual, frames, position.sigma_m)
+            {
+                rejected += 1;
+                continue;
+            }
+            used += 1;
+            let [a, b, c] = frames.map(|frame| poses[frame].expect("a frame with a pose"));
+            let seen = [a, b, c, own.antenna, own.receiver];
+            positions.push(Measurement { residual, blocks: seen, sigma: position.sigma_m });
+            items.push((at, item));
+        }
+        if rejected > 0 {
+            warnings.push(format!("GNSS positions of {name}: {rejected} rejected, {used} used"));
+        }
+        if used == 0 {
+            warnings.push(format!(
+                "GNSS positions of {name}: none falls into the time in which the vehicle is seen"
+            ));
+        }
+        let known = &receiver.knowledge;
+        if let Some(point) = blocks.vehicles[receiver.vehicle].points[receiver.point] {
+            let sigma_m = known.lever_sigma_m.max(LEAST_LEVER_SIGMA_M);
+            arms.push(Measurement {
+                residual: LeverArm { arm_m: known.lever_arm_m },
+                blocks: [own.antenna, point],
+                sigma: [sigma_m; 3],
+            });
+        }
+        let row = |at: usize, known: f64, sigma: f64| Measurement {
+            residual: KnownNumber::<5> { at, known },
+            blocks: [own.receiver],
+            sigma: [sigma],
+        };
+        match known.clock_offset {
+            None => kept.push(row(0, found.clock_offset_s, CONVENTIONAL_OFFSET_S)),
+            Some(offset) if offset.sigma_m > 0.0 => numbers.push(row(0, offset.value_m, offset.sigma_m)),
+            Some(_) => {}
+        }
+        if known.drift_sigma > 0.0 {
+            numbers.push(row(1, 0.0, known.drift_sigma));
+        }
+        if known.shift_sigma_m > 0.0 {
+            numbers.extend((2..5).map(|at| row(at, 0.0, known.shift_sigma_m)));
+        }
+    }
+    let loss = match purpose {
+        Purpose::Adjustment { .. } => Loss::Huber { scale: LossName::Huber.default_scale() },
+        Purpose::Statistics { .. } => Loss::Squared,
+    };
+    ReceiverGroups {
+        positions: builder.add_group("position of an antenna", loss, positions),
+        knowledge: [
+            builder.add_group("known clock or shift of a receiver", Loss::Squared, numbers),
+            builder.add_group("lever arm of an antenna", Loss::Squared, arms),
+        ],
+        conventions: builder.add_group("start of a clock", Loss::Squared, kept),
+        items,
+    }
+}
+
+/// Whether a position is a gross error at the current estimate.
+fn is_gross(
+    problem: &Problem,
+    current: &Estimate,
+    receiver: usize,
+    residual: &AntennaPosition,
+    frames: [usize; 3],
+    sigma_m: [f64; 3],
+) -> bool {
+    let found = &current.receivers[receiver];
+    let receiver = &problem.receivers[receiver];
+    let poses = frames.map(|frame| current.vehicles[receiver.vehicle].poses[frame]);
+    let (Some(antenna), [Some(a), Some(b), Some(c)]) = (antenna(receiver, found, current), poses) else {
+        return false;
+    };
+    let [a, b, c] = [a, b, c].map(|pose| write_pose(&pose));
+    let shift = found.shift_m;
+    let value = [found.clock_offset_s, found.clock_drift, shift.x, shift.y, shift.z];
+    let difference = residual.evaluate(&[&a, &b, &c, antenna.coords.as_slice(), &value], None);
+    difference.is_none_or(|difference: Vector3<f64>| {
+        difference.component_div(&Vector3::from(sigma_m)).norm() > OUTLIER_SIGMAS
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_position_belongs_to_the_frames_around_it() {
+        let times: Vec<(usize, f64)> = (0..5).map(|k| (k + 7, k as f64)).collect();
+        assert_eq!(frames_around(&times, 2.4), Some([1, 2, 3]));
+        assert_eq!(frames_around(&times, 2.6), Some([2, 3, 4]));
+        assert_eq!(frames_around(&times, -0.4), Some([0, 1, 2]));
+        assert_eq!(frames_around(&times, 4.4), Some([2, 3, 4]));
+        assert_eq!(frames_around(&times, 4.6), None);
+        assert_eq!(frames_around(&times, -0.6), None);
+        assert_eq!(frames_around(&times[..2], 0.5), None);
+    }
+}
