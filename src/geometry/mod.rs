@@ -5,6 +5,7 @@
 
 pub mod align;
 pub mod rotation;
+pub mod se3;
 
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
