@@ -21,6 +21,7 @@ pub mod terrain;
 pub mod problem;
 pub mod reference;
 pub mod residuals;
+pub mod trajectory;
 
 pub mod diagnose;
 pub mod estimate;

@@ -26,6 +26,7 @@ const PLAN: &[(u32, &str, &[&str])] = &[
     (3, "reference", &["geometry", "tables"]),
     (4, "residuals", &["camera", "terrain", "geometry", "nlls/residual", "nlls/manifold"]),
     (4, "estimate", &["problem", "geometry"]),
+    (4, "trajectory", &["geometry", "nlls/manifold"]),
     (5, "files", &["tables", "camera", "terrain", "geometry", "problem", "estimate"]),
     (
         5,
@@ -117,8 +118,8 @@ const DOORS: &[(&str, &[&str])] = &[
     ("tiff", &["terrain"]),
     ("ply_rs_bw", &["reference", "report"]),
     ("rayon", &["nlls/linear", "nlls/system", "nlls/minimise", "initialise", "refine", "cli"]),
-    ("rand", &["nlls/loss", "nlls/system", "initialise", "refine", "problem"]),
-    ("rand_chacha", &["nlls/loss", "nlls/system", "initialise", "refine", "problem"]),
+    ("rand", &["nlls/loss", "nlls/system", "initialise", "refine", "problem", "trajectory"]),
+    ("rand_chacha", &["nlls/loss", "nlls/system", "initialise", "refine", "problem", "trajectory"]),
     ("clap", &["cli"]),
     ("clap_complete", &["cli"]),
     ("indicatif", &["cli"]),

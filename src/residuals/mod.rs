@@ -9,28 +9,35 @@
 //! | measured position of an antenna | [`antenna_position`] |
 //! | starting pose of a camera or a vehicle | [`pose_prior`] |
 //! | contact of a vehicle with the ground | [`ground_contact`] |
-//! | smooth motion of a camera or a vehicle | [`smooth_motion`] |
-//! | ... of a vehicle, in distances from the camera | [`scale_free`] |
+//! | smooth motion of a camera or a vehicle | [`smooth_motion`], [`jerk`] |
+//! | smooth motion of a vehicle in its own axes | [`twist`], [`jerk`] |
+//! | ... in distances from the camera | [`scale_free`] |
+//! | rolling of a vehicle's rear axle | [`no_side_slip`] |
 //!
 //! Poses are `world_from_body` and perturbed as [`crate::nlls::manifold`] says.
 
 pub mod antenna_position;
 pub mod ground_contact;
 pub mod inside_body;
+pub mod jerk;
 pub mod known_coordinate;
+pub mod no_side_slip;
 pub mod pose_prior;
 pub mod row_image_point;
 pub mod scale_free;
 pub mod smooth_motion;
 pub mod target_image_point;
+pub mod twist;
 pub mod vehicle_image_point;
 
 #[cfg(test)]
 mod testing {
     //! States at which Jacobians are checked.
 
-    use crate::geometry::{Pose, pose};
+    use crate::geometry::{Pose, pose, se3};
+    use crate::nlls::manifold::write_pose;
     use crate::nlls::residual::{Residual, worst_jacobian_entry};
+    use nalgebra::Vector6;
 
     /// Cameras 60 m above the ground that look down, along the road and askew.
     pub fn camera_poses() -> [Pose; 3] {
@@ -48,6 +55,12 @@ mod testing {
             pose([-3.0, 4.0, -0.3], [0.67, -0.02, -0.006, -0.74]),
             pose([0.0, 0.0, 0.0], [0.1, 0.05, -0.04, 0.99]),
         ]
+    }
+
+    /// A vehicle in a steady curve, at these times.
+    pub fn steady_curve<const N: usize>(times: &[f64; N]) -> [[f64; 7]; N] {
+        let twist = Vector6::new(9.0, 0.2, -0.1, 0.02, -0.03, 0.5);
+        times.map(|t| write_pose(&(vehicle_poses()[1] * se3::exp(&(twist * t)))))
     }
 
     /// Asserts that analytic and numeric Jacobian agree at `x`.
