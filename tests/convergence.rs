@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use support::drive::Drive;
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
-use trackbundle::refine::{MotionPrior, MotionPriors, MotionStrength, RefineOptions, refine};
+use trackbundle::refine::{MotionPrior, MotionPriors, Order, RefineOptions, Strengths, refine};
 
 const KINDS: [&str; 4] = ["straight", "turning", "reversing", "standing"];
 
@@ -39,9 +39,8 @@ fn costs(seed: u64) -> [f64; 2] {
     let folder = tempfile::tempdir().unwrap();
     let truth = variation(seed).write(folder.path());
     let problem = read_problem(folder.path()).unwrap_or_else(|f| panic!("{f}")).problem.unwrap();
-    let strength = |a: f64, b: f64| {
-        MotionPrior::Given(MotionStrength { acceleration_mps2: a, angular_acceleration_rps2: b })
-    };
+    let strength =
+        |a: f64, b: f64| MotionPrior::Given(Order::Acceleration, Strengths { linear: a, angular: b });
     let motion = MotionPriors { camera: strength(0.3, 0.02), vehicle: strength(1.0, 0.05) };
     let options = RefineOptions { motion, loss_scale: Some(5.12), ..Default::default() };
     let start = initialise(&problem, Method::RobustWhereNeeded).unwrap().estimate;

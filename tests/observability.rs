@@ -179,6 +179,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             poses: poses.into_iter().map(Some).collect(),
             points: points.into_iter().map(Some).collect(),
             open_depth: vec![false; number],
+            motion: None,
             left_out: None,
         });
         for frame in 0..frames {

@@ -5,7 +5,7 @@ use super::output::{print, warn_all};
 use crate::files::{self, Folder, Inventory};
 use crate::problem::Problem;
 use crate::reference::{self, Reference};
-use crate::refine::{MotionPrior, MotionStrength};
+use crate::refine::{MotionPrior, Order, Strengths};
 use crate::report::folder::{Staged, check_place};
 use crate::report::{File, Report};
 use clap::Args;
@@ -216,20 +216,27 @@ pub fn default_result_folder(problem: &Path) -> Result<PathBuf, Failure> {
 }
 
 /// Reads `estimate`, `off` or `A,B`: scatter of the mean acceleration over one second in m/s^2, and
-/// of the angular acceleration in deg/s^2.
+/// of the angular acceleration in deg/s^2. After `jerk:` white noise is that of the jerk.
 pub fn motion_prior(text: &str) -> Result<MotionPrior, String> {
     let strength = |text: &str| text.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
-    match text {
-        "estimate" => Ok(MotionPrior::Estimated),
-        "off" => Ok(MotionPrior::Off),
-        _ => text
+    let (order, of_order) = match text.split_once(':') {
+        Some(("jerk", rest)) => (Order::Jerk, rest),
+        Some(("acceleration", rest)) => (Order::Acceleration, rest),
+        _ => (Order::Acceleration, text),
+    };
+    match of_order {
+        "estimate" => Ok(MotionPrior::Estimated(order)),
+        "off" if of_order == text => Ok(MotionPrior::Off),
+        _ => of_order
             .split_once(',')
             .and_then(|(position, rotation)| Some((strength(position)?, strength(rotation)?)))
-            .map(|(acceleration_mps2, degrees)| {
-                let angular_acceleration_rps2 = degrees.to_radians();
-                MotionPrior::Given(MotionStrength { acceleration_mps2, angular_acceleration_rps2 })
+            .map(|(linear, degrees)| {
+                MotionPrior::Given(order, Strengths { linear, angular: degrees.to_radians() })
             })
-            .ok_or_else(|| "wanted estimate, off, or two numbers above 0 as in 2.0,5.0".to_owned()),
+            .ok_or_else(|| {
+                "wanted estimate, off, or two numbers above 0 as in 2.0,5.0; jerk:estimate or jerk:2.0,5.0"
+                    .to_owned()
+            }),
     }
 }
 
@@ -264,11 +271,16 @@ mod tests {
     #[test]
     fn motion_priors_are_read() {
         assert_eq!(motion_prior("off"), Ok(MotionPrior::Off));
-        assert_eq!(motion_prior("estimate"), Ok(MotionPrior::Estimated));
-        let MotionPrior::Given(given) = motion_prior("2, 90").unwrap() else { panic!("a strength") };
-        assert_eq!(given.acceleration_mps2, 2.0);
-        assert!((given.angular_acceleration_rps2 - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
-        for wrong in ["", "2", "0,1", "a,b", "1,inf", "1,2,3"] {
+        let estimated = |order| Ok(MotionPrior::Estimated(order));
+        assert_eq!(motion_prior("estimate"), estimated(Order::Acceleration));
+        assert_eq!(motion_prior("acceleration:estimate"), estimated(Order::Acceleration));
+        assert_eq!(motion_prior("jerk:estimate"), estimated(Order::Jerk));
+        for (text, wanted) in [("2, 90", Order::Acceleration), ("jerk:2,90", Order::Jerk)] {
+            let MotionPrior::Given(order, given) = motion_prior(text).unwrap() else { panic!("a strength") };
+            assert_eq!((order, given.linear), (wanted, 2.0));
+            assert!((given.angular - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+        }
+        for wrong in ["", "2", "0,1", "a,b", "1,inf", "1,2,3", "jerk", "jerk:", "jerk:off", "snap:estimate"] {
             assert!(motion_prior(wrong).is_err(), "{wrong}");
         }
     }

@@ -44,8 +44,9 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = RefineOptions::default().max_iterations)]
     max_iterations: usize,
 
-    /// Motion prior of vehicles: estimate its strength from the data, off, or A,B: scatter of the
-    /// mean acceleration over one second [m/s^2] and of the angular acceleration [deg/s^2]
+    /// Motion prior of vehicles, white noise on acceleration: estimate its strength from the data, off, or
+    /// A,B: scatter of the mean acceleration over one second [m/s^2] and of the angular acceleration
+    /// [deg/s^2]; jerk:estimate or jerk:A,B for white noise on jerk [m/s^3, deg/s^3]
     #[arg(long, value_name = "PRIOR", default_value = "estimate", value_parser = motion_prior)]
     vehicle_motion: MotionPrior,
 
@@ -174,11 +175,13 @@ fn summary(adjustment: &Adjustment, report: &Report, verdict: Option<&Verdict>) 
         );
     }
     for motion in &report.motion {
+        let (power, linear, angular) = motion.strength();
         text += &format!(
-            "motion      of {}: acceleration {:.3} m/s^2, {:.3} deg/s^2 over one second{}\n",
+            "motion      of {}: {} {:.3} m/s^{power}, {:.3} deg/s^{power} over one second{}\n",
             motion.body,
-            motion.acceleration_mps2,
-            motion.angular_acceleration_degps2,
+            motion.white_noise,
+            linear,
+            angular,
             if motion.estimated { " (estimated)" } else { "" }
         );
     }

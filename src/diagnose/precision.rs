@@ -5,7 +5,9 @@ use crate::estimate::{Estimate, TrackPoint};
 use crate::geometry::{Pose, skew};
 use crate::nlls::system::BlockId;
 use crate::problem::{PoseSigma, Problem};
-use nalgebra::{DVector, Point3, Vector3};
+use crate::trajectory::Trajectory;
+use nalgebra::{DVector, Point3, SVector, Vector3};
+use rayon::prelude::*;
 
 /// Standard deviations of a pose: of its position along the axes of the world \[m\], of its attitude about
 /// the axes of the body \[rad\].
@@ -112,8 +114,9 @@ pub fn precision(problem: &Problem, estimate: &Estimate, inner: &Inner<'_>) -> P
         if found.left_out.is_none() {
             let track = found.track(problem, vehicle);
             let marker = vehicle.marker.and_then(|m| Some((model.shape_point(at, m)?, found.points[m]?)));
-            let track = Track { problem, estimate, inner, vehicle: at, marker, track: &track };
-            tracks = (0..track.track.len()).map(|place| track.precision(place)).collect();
+            let path = found.path(problem, vehicle);
+            let track = Track { problem, estimate, inner, vehicle: at, marker, track: &track, path };
+            tracks = (0..track.track.len()).into_par_iter().map(|place| track.precision(place)).collect();
         }
         out.tracks.push(tracks);
     }
@@ -139,6 +142,8 @@ struct Track<'a> {
     vehicle: usize,
     marker: Option<(BlockId, Point3<f64>)>,
     track: &'a [TrackPoint],
+    /// Its path, whose poses are those of the places.
+    path: Option<Trajectory>,
 }
 
 impl Track<'_> {
@@ -172,10 +177,9 @@ impl Track<'_> {
 
     fn precision(&self, place: usize) -> Option<TrackPrecision> {
         let (piece, pose) = self.pose(place)?;
-        let joint = Terms::new(self, [piece, None])?;
-        let by_axis = self
-            .gradient(&pose)
-            .map(|[shift, turn, point]| joint.gradient([Some((shift, turn)), None], point));
+        let joint = Terms::new(self, vec![piece])?;
+        let by_axis =
+            self.gradient(&pose).map(|[shift, turn, point]| joint.gradient(&[Some((shift, turn))], point));
         let variances = [0, 1, 2].map(|axis| joint.variance(&by_axis[axis]));
         let covariance = joint.covariance(&by_axis[0], &by_axis[1]);
         // d(R ex) = R (dr x ex); the heading is that of its horizontal part.
@@ -184,7 +188,7 @@ impl Track<'_> {
         let by_turn = -(turn.matrix() * skew(&Vector3::x()));
         let level = ahead.xy().norm_squared();
         let of_turn = (by_turn.row(1) * ahead.x - by_turn.row(0) * ahead.y) / level;
-        let heading = joint.gradient([Some((Vector3::zeros(), of_turn.transpose())), None], Vector3::zeros());
+        let heading = joint.gradient(&[Some((Vector3::zeros(), of_turn.transpose()))], Vector3::zeros());
         Some(TrackPrecision {
             position_m: variances.map(f64::sqrt),
             covariance_xy_m2: (variances[0].is_finite() && variances[1].is_finite()).then_some(covariance),
@@ -193,8 +197,44 @@ impl Track<'_> {
         })
     }
 
-    /// Of the speed: half the sum of the two steps beside a place, as the speed itself.
+    /// Of the speed: that of the path, as far as poses hold it and as it is free between them; without a
+    /// path half the sum of the two steps beside a place, as the speed itself.
     fn speed(&self, place: usize) -> Option<f64> {
+        match &self.path {
+            Some(path) => self.speed_of_path(path, place),
+            None => self.speed_of_differences(place),
+        }
+    }
+
+    fn speed_of_path(&self, path: &Trajectory, place: usize) -> Option<f64> {
+        let linear = path.linear_at(self.problem.frames[self.track[place].frame].time_s)?;
+        let marker = self.marker.map_or(Point3::origin(), |(_, place)| place);
+        let state = &linear.state;
+        let direction = direction(state.velocity_of(&marker).xy());
+        let along = Vector3::new(direction.x, direction.y, 0.0);
+        let in_body = state.pose.rotation.inverse() * along;
+        // v + R (w x m), of which d(R) = R [dr]x, in body axes but for v.
+        let swing = state.angular_velocity_rps.cross(&marker.coords);
+        let mut by_state = SVector::<f64, 12>::zeros();
+        by_state.fixed_rows_mut::<3>(3).copy_from(&swing.cross(&in_body));
+        by_state.fixed_rows_mut::<3>(6).copy_from(&along);
+        by_state.fixed_rows_mut::<3>(9).copy_from(&marker.coords.cross(&in_body));
+        let by_marker = in_body.cross(&state.angular_velocity_rps);
+        let (mut pieces, mut by_pose) = (Vec::new(), Vec::new());
+        for (knot, block) in linear.knots.clone().zip(&linear.blocks) {
+            let (piece, _) = self.pose(knot)?;
+            let gradient = block.transpose() * by_state;
+            let (shift, turn) = (gradient.fixed_rows::<3>(0).into(), gradient.fixed_rows::<3>(3).into());
+            pieces.push(piece);
+            by_pose.push(Some((shift, turn)));
+        }
+        let joint = Terms::new(self, pieces)?;
+        let of_poses = joint.variance(&joint.gradient(&by_pose, by_marker));
+        let between = (by_state.transpose() * linear.process * by_state)[(0, 0)];
+        Some((of_poses + between).sqrt())
+    }
+
+    fn speed_of_differences(&self, place: usize) -> Option<f64> {
         let (before, after) = (place.saturating_sub(1), (place + 1).min(self.track.len() - 1));
         if before == after {
             return None;
@@ -202,38 +242,43 @@ impl Track<'_> {
         let moved = self.track[after].position.xy() - self.track[before].position.xy();
         let time = |k: usize| self.problem.frames[self.track[k].frame].time_s;
         let ((first, from), (second, to)) = (self.pose(before)?, self.pose(after)?);
-        let joint = Terms::new(self, [first, second])?;
+        let joint = Terms::new(self, vec![first, second])?;
         let (of_from, of_to) = (self.gradient(&from), self.gradient(&to));
         let by_axis = [0, 1].map(|axis| {
             let [shift, turn, point] = of_from[axis];
             let [shift_to, turn_to, point_to] = of_to[axis];
-            joint.gradient([Some((-shift, -turn)), Some((shift_to, turn_to))], point_to - point)
+            joint.gradient(&[Some((-shift, -turn)), Some((shift_to, turn_to))], point_to - point)
         });
-        // At rest the speed has no derivative: any direction will do.
-        let direction = if moved.norm() > 1e-9 { moved.normalize() } else { nalgebra::Vector2::x() };
+        let direction = direction(moved);
         let gradient = &by_axis[0] * direction.x + &by_axis[1] * direction.y;
         Some(joint.variance(&gradient).sqrt() / (time(after) - time(before)))
     }
 }
 
-/// Up to two poses and the marker, and where each is among the free numbers; those that are held have no
+/// At rest a speed has no derivative: any direction will do.
+fn direction(moved: nalgebra::Vector2<f64>) -> nalgebra::Vector2<f64> {
+    if moved.norm() > 1e-9 { moved.normalize() } else { nalgebra::Vector2::x() }
+}
+
+/// Some poses and the marker, and where each is among the free numbers; those that are held have no
 /// place and no variance.
 struct Terms {
     joint: Option<Joint>,
-    poses: [Option<usize>; 2],
+    poses: Vec<Option<usize>>,
     marker: Option<usize>,
     size: usize,
 }
 
 impl Terms {
-    fn new(track: &Track<'_>, poses: [Option<Piece>; 2]) -> Option<Terms> {
+    fn new(track: &Track<'_>, poses: Vec<Option<Piece>>) -> Option<Terms> {
         let (mut pieces, mut size) = (Vec::new(), 0);
-        let places = poses.map(|piece| {
+        let mut place = |piece: Option<Piece>| {
             let piece = piece?;
             pieces.push(piece);
             size += 6;
             Some(size - 6)
-        });
+        };
+        let places: Vec<Option<usize>> = poses.into_iter().map(&mut place).collect();
         let marker = track.marker_piece().map(|piece| {
             pieces.push(piece);
             size += 3;
@@ -249,12 +294,12 @@ impl Terms {
     /// A gradient from those by the shift and the turn of each pose and by the marker.
     fn gradient(
         &self,
-        by_pose: [Option<(Vector3<f64>, Vector3<f64>)>; 2],
+        by_pose: &[Option<(Vector3<f64>, Vector3<f64>)>],
         by_marker: Vector3<f64>,
     ) -> DVector<f64> {
         let mut gradient = DVector::zeros(self.size);
         for (place, part) in self.poses.iter().zip(by_pose) {
-            if let (Some(at), Some((shift, turn))) = (*place, part) {
+            if let (Some(at), Some((shift, turn))) = (*place, *part) {
                 gradient.rows_mut(at, 3).copy_from(&shift);
                 gradient.rows_mut(at + 3, 3).copy_from(&turn);
             }

@@ -5,6 +5,7 @@ mod rows;
 use crate::camera::Camera;
 use crate::geometry::{self, Pose};
 use crate::problem::{Problem, Receiver, Vehicle};
+use crate::trajectory::{Order, Strengths, Trajectory};
 use nalgebra::{Point3, Vector3};
 pub use rows::{Imaging, RowMotion};
 
@@ -49,6 +50,8 @@ pub struct VehicleEstimate {
     pub points: Vec<Option<Point3<f64>>>,
     /// Whether the rays to a point leave its depth open.
     pub open_depth: Vec<bool>,
+    /// How it moves between poses, where that was part of the adjustment.
+    pub motion: Option<(Order, Strengths)>,
     /// Why the vehicle is left out of the adjustment, if it is.
     pub left_out: Option<String>,
 }
@@ -102,12 +105,29 @@ impl VehicleEstimate {
     /// The given poses and no points.
     pub fn without_points(vehicle: &Vehicle) -> Self {
         let points = vec![None; vehicle.points.len()];
-        VehicleEstimate { poses: vehicle.poses.clone(), points, open_depth: Vec::new(), left_out: None }
+        VehicleEstimate {
+            poses: vehicle.poses.clone(),
+            points,
+            open_depth: Vec::new(),
+            motion: None,
+            left_out: None,
+        }
+    }
+
+    /// The continuous path of the vehicle through its poses, at any time; `None` where nothing is known of
+    /// its motion.
+    pub fn path(&self, problem: &Problem, vehicle: &Vehicle) -> Option<Trajectory> {
+        let (order, strengths) = self.motion?;
+        let known =
+            vehicle.span().filter_map(|frame| Some((problem.frames[frame].time_s, self.poses[frame]?)));
+        let (times_s, poses): (Vec<f64>, Vec<Pose>) = known.unzip();
+        (poses.len() >= order.states()).then(|| Trajectory::new(times_s, poses, order, strengths))
     }
 
     /// The track of the marker (without one, or where it is not determined, of the origin), one
-    /// point for each frame of the vehicle's span that has a pose. Speeds are central differences of
-    /// the positions, one-sided at the ends.
+    /// point for each frame of the vehicle's span that has a pose. Speeds are those of the path between the
+    /// poses ([`VehicleEstimate::path`]); without one, central differences of the positions, one-sided at
+    /// the ends.
     pub fn track(&self, problem: &Problem, vehicle: &Vehicle) -> Vec<TrackPoint> {
         let marker = vehicle.marker.and_then(|m| self.points[m]).unwrap_or_else(Point3::origin);
         let mut track: Vec<TrackPoint> = vehicle
@@ -122,6 +142,13 @@ impl VehicleEstimate {
                 })
             })
             .collect();
+        if let Some(path) = self.path(problem, vehicle) {
+            for place in &mut track {
+                let state = path.state_at(problem.frames[place.frame].time_s);
+                place.speed_mps = state.map(|state| state.speed_of_mps(&marker));
+            }
+            return track;
+        }
         for i in 0..track.len() {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(track.len() - 1));
             if before < after {

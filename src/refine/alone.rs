@@ -56,7 +56,11 @@ pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(
     };
     let prior = |body: Body| {
         let of_body = |strength: &&BodyStrength| strength.body == body;
-        adjustment.motion.iter().find(of_body).map_or(MotionPrior::Off, |s| MotionPrior::Given(s.strength))
+        adjustment
+            .motion
+            .iter()
+            .find(of_body)
+            .map_or(MotionPrior::Off, |s| MotionPrior::Given(s.order, s.strength))
     };
     let motion = MotionPriors {
         camera: prior(Body::Camera),

@@ -31,7 +31,7 @@ pub use body_frame::{BodyFrame, point_motion, pose_motion};
 pub use datum::scale_gap;
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
-pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, MotionStrength};
+pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, Order, Strengths};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
 
 use crate::estimate::Estimate;

@@ -6,7 +6,7 @@ use super::body_frame::{ANCHOR_SIGMA_M, BodyFrame};
 use super::datum::{self, Treatment};
 use super::gross_errors::Excluded;
 use super::images::{Images, add_camera_knowledge, add_images};
-use super::motion::{Body, Motion, MotionPrior, MotionPriors, TimedPose};
+use super::motion::{Body, Motion, MotionPrior, MotionPriors, Order, TimedPose};
 use super::outcome::Fits;
 use super::receivers::{self, ReceiverBlocks, add_receivers};
 use crate::camera::INTERIOR;
@@ -16,7 +16,7 @@ use crate::nlls::loss::{Loss, robust_spread_of_many};
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
 use crate::nlls::minimise::Minimiser;
 use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, TimeStep, Values};
-use crate::problem::{GroundKnowledge, Known, Problem, Role};
+use crate::problem::{GroundKnowledge, Known, Problem, Role, Vehicle};
 use crate::residuals::ground_contact::{FirstContact, NextContact};
 use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
 use crate::residuals::known_coordinate::{KnownCoordinate, KnownZero};
@@ -246,8 +246,8 @@ impl Model {
         });
         builder.along_time(steps.collect(), vec![images[0]]);
         if let Purpose::Statistics { .. } = purpose {
-            // Of the neighbours on both sides, for speeds.
-            builder.select_band(2);
+            // Of all poses that a velocity depends on.
+            builder.select_within(Order::window(options.motion.vehicle_order()) * 2 - 1);
         }
         builder.arrange(options.arrangement);
         let system = builder.build();
@@ -457,7 +457,8 @@ impl Model {
     pub fn estimate(&self, problem: &Problem, start: &Estimate, values: &Values) -> Estimate {
         let pose = |block: BlockId| read_pose(self.system.value(values, block));
         let point = |block: BlockId| read_point(self.system.value(values, block));
-        let vehicle = |((blocks, start), vehicle): ((&VehicleBlocks, &VehicleEstimate), _)| {
+        let strengths = self.motion.strengths(&self.system);
+        let vehicle = |((blocks, start), vehicle): ((&VehicleBlocks, &VehicleEstimate), &Vehicle)| {
             if start.left_out.is_some() {
                 return start.clone();
             }
@@ -465,6 +466,10 @@ impl Model {
                 poses: blocks.poses.iter().map(|block| block.map(pose)).collect(),
                 points: blocks.points.iter().map(|block| block.map(point)).collect(),
                 open_depth: start.open_depth.clone(),
+                motion: strengths
+                    .iter()
+                    .find(|found| found.body == Body::Vehicle(vehicle.id.clone()))
+                    .map(|found| (found.order, found.strength)),
                 left_out: None,
             };
             estimate.bridge_gaps(problem, vehicle);

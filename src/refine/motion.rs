@@ -1,6 +1,8 @@
 //! Motion priors and their strength.
 //!
-//! A prior says that a body's acceleration is white noise. How strong the noise is, is estimated from
+//! A prior says that a body's acceleration, or its jerk, is white noise: that of a camera in the axes of the
+//! world, since it is stabilised apart from its path, that of a vehicle in its own, in which a steady curve
+//! has none. How strong the noise is, is estimated from
 //! the data as a variance component (Foerstner, *Ein Verfahren zur Schaetzung von Varianz- und
 //! Kovarianzkomponenten*, AVN 86, 1979): of the rows of a group, whitened with the present strength,
 //!
@@ -15,8 +17,11 @@ use super::NoSolution;
 use crate::nlls::loss::Loss;
 use crate::nlls::minimise::Minimiser;
 use crate::nlls::system::{Accuracy, BlockId, GroupId, Measurement, System, SystemBuilder, Values};
+use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
 use crate::residuals::scale_free::ScaleFree;
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
+use crate::residuals::twist::LinearAcceleration;
+pub use crate::trajectory::{Order, Strengths};
 use nalgebra::Point3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -33,36 +38,42 @@ pub struct MotionPriors {
 /// The motion prior of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MotionPrior {
-    /// Its strength is estimated from the data.
-    Estimated,
+    /// What is white noise; its strength is estimated from the data.
+    Estimated(Order),
     /// Its strength is known.
-    Given(MotionStrength),
+    Given(Order, Strengths),
     /// There is none.
     Off,
 }
 
-/// Scatter of the mean acceleration over one second: the root of the spectral density of the noise.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MotionStrength {
-    /// Of the position, per axis \[m/s^2\].
-    pub acceleration_mps2: f64,
-    /// Of the attitude, per axis \[rad/s^2\].
-    pub angular_acceleration_rps2: f64,
-}
-
 impl MotionPriors {
+    /// What of a vehicle's motion is white noise.
+    pub fn vehicle_order(&self) -> Order {
+        match self.vehicle {
+            MotionPrior::Estimated(order) | MotionPrior::Given(order, _) => order,
+            MotionPrior::Off => Order::Acceleration,
+        }
+    }
+
     /// Everything is estimated from the data.
-    pub const ESTIMATED: MotionPriors =
-        MotionPriors { camera: MotionPrior::Estimated, vehicle: MotionPrior::Estimated };
+    pub const ESTIMATED: MotionPriors = MotionPriors {
+        camera: MotionPrior::Estimated(Order::Acceleration),
+        vehicle: MotionPrior::Estimated(Order::Acceleration),
+    };
     /// There are none.
     pub const OFF: MotionPriors = MotionPriors { camera: MotionPrior::Off, vehicle: MotionPrior::Off };
 }
 
 /// Strengths from which the estimation starts: a hovering drone and a car in town.
-const FIRST_CAMERA: MotionStrength =
-    MotionStrength { acceleration_mps2: 0.3, angular_acceleration_rps2: 0.02 };
-const FIRST_VEHICLE: MotionStrength =
-    MotionStrength { acceleration_mps2: 1.0, angular_acceleration_rps2: 0.05 };
+fn first_strengths(body: &Body, order: Order) -> Strengths {
+    let [linear, angular] = match (body, order) {
+        (Body::Camera, Order::Acceleration) => [0.3, 0.02],
+        (Body::Vehicle(_), Order::Acceleration) => [1.0, 0.05],
+        (Body::Camera, Order::Jerk) => [0.5, 0.05],
+        (Body::Vehicle(_), Order::Jerk) => [2.0, 0.2],
+    };
+    Strengths { linear, angular }
+}
 /// An estimate stays within these factors of its start: a body at rest has no smallest strength.
 const FACTOR_BOUNDS: (f64, f64) = (1e-3, 1e2);
 /// Fewest rows, and least redundancy in them, from which a strength is estimated.
@@ -113,6 +124,7 @@ struct Component {
     /// The strength at a sigma factor of 1.
     first: f64,
     is_rotation: bool,
+    order: Order,
     is_estimated: bool,
     /// Logarithm of the last factor that was asked for, and the power of it that was applied.
     last: Option<(f64, f64)>,
@@ -138,54 +150,87 @@ impl Component {
 pub struct BodyStrength {
     /// Whose.
     pub body: Body,
+    /// What is white noise.
+    pub order: Order,
     /// How strong.
-    pub strength: MotionStrength,
+    pub strength: Strengths,
     /// Whether it was estimated.
     pub is_estimated: bool,
 }
 
+fn add_accelerations(builder: &mut SystemBuilder, poses: &[TimedPose], first: Strengths) -> [GroupId; 2] {
+    let (mut plain, mut seen, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
+    for three in poses.windows(3) {
+        let [a, b, c] = [&three[0], &three[1], &three[2]];
+        let steps = Steps { first_s: b.time_s - a.time_s, second_s: c.time_s - b.time_s };
+        let (blocks, root) = ([a.block, b.block, c.block], steps.mean_s().sqrt());
+        let sigma = [first.linear / root; 3];
+        match b.seen_from {
+            None => plain.push(Measurement { residual: Acceleration(steps), blocks, sigma }),
+            Some((camera, distance_m)) => {
+                let residual = ScaleFree { motion: LinearAcceleration(steps), camera, distance_m };
+                seen.push(Measurement { residual, blocks, sigma });
+            }
+        }
+        let sigma = [first.angular / root; 3];
+        rotations.push(Measurement { residual: AngularAcceleration(steps), blocks, sigma });
+    }
+    let positions = match plain.is_empty() {
+        true => builder.add_group(POSITION, Loss::Squared, seen),
+        false => builder.add_group(POSITION, Loss::Squared, plain),
+    };
+    [positions, builder.add_group(ATTITUDE, Loss::Squared, rotations)]
+}
+
+fn add_jerks(builder: &mut SystemBuilder, poses: &[TimedPose], first: Strengths) -> [GroupId; 2] {
+    let (mut plain, mut seen, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
+    for four in poses.windows(4) {
+        let step = |at: usize| four[at + 1].time_s - four[at].time_s;
+        let steps = FourSteps { first_s: step(0), second_s: step(1), third_s: step(2) };
+        let (blocks, root) = ([0, 1, 2, 3].map(|at| four[at].block), steps.mean_s().sqrt());
+        let sigma = [first.linear / root; 3];
+        match four[1].seen_from {
+            None => plain.push(Measurement { residual: Jerk(steps), blocks, sigma }),
+            Some((camera, distance_m)) => {
+                let residual = ScaleFree { motion: LinearJerk(steps), camera, distance_m };
+                seen.push(Measurement { residual, blocks, sigma });
+            }
+        }
+        let sigma = [first.angular / root; 3];
+        rotations.push(Measurement { residual: AngularJerk(steps), blocks, sigma });
+    }
+    let positions = match plain.is_empty() {
+        true => builder.add_group(POSITION, Loss::Squared, seen),
+        false => builder.add_group(POSITION, Loss::Squared, plain),
+    };
+    [positions, builder.add_group(ATTITUDE, Loss::Squared, rotations)]
+}
+
+/// Names of the groups.
+const POSITION: &str = "smooth position";
+const ATTITUDE: &str = "smooth attitude";
+
 impl Motion {
     /// Adds the prior of a body with these poses in time order.
     pub fn add(&mut self, builder: &mut SystemBuilder, body: Body, poses: &[TimedPose], prior: MotionPrior) {
-        let is_estimated = prior == MotionPrior::Estimated;
-        let first = match (prior, &body) {
-            (MotionPrior::Off, _) => return,
-            (MotionPrior::Given(strength), _) => strength,
-            (MotionPrior::Estimated, Body::Camera) => FIRST_CAMERA,
-            (MotionPrior::Estimated, Body::Vehicle(_)) => FIRST_VEHICLE,
+        let (order, first, is_estimated) = match prior {
+            MotionPrior::Off => return,
+            MotionPrior::Given(order, strengths) => (order, strengths, false),
+            MotionPrior::Estimated(order) => (order, first_strengths(&body, order), true),
         };
-        let (mut plain, mut positions, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
-        for three in poses.windows(3) {
-            let [a, b, c] = [&three[0], &three[1], &three[2]];
-            let steps = Steps { first_s: b.time_s - a.time_s, second_s: c.time_s - b.time_s };
-            let (blocks, root) = ([a.block, b.block, c.block], steps.mean_s().sqrt());
-            let sigma = [first.acceleration_mps2 / root; 3];
-            match b.seen_from {
-                None => plain.push(Measurement { residual: Acceleration(steps), blocks, sigma }),
-                Some((camera, distance_m)) => {
-                    let residual = ScaleFree { motion: Acceleration(steps), camera, distance_m };
-                    positions.push(Measurement { residual, blocks, sigma });
-                }
-            }
-            rotations.push(Measurement {
-                residual: AngularAcceleration(steps),
-                blocks,
-                sigma: [first.angular_acceleration_rps2 / root; 3],
-            });
-        }
-        let positions = match plain.is_empty() {
-            true => builder.add_group("smooth position", Loss::Squared, positions),
-            false => builder.add_group("smooth position", Loss::Squared, plain),
+        let [positions, rotations] = match order {
+            Order::Acceleration => add_accelerations(builder, poses, first),
+            Order::Jerk => add_jerks(builder, poses, first),
         };
-        let rotations = builder.add_group("smooth attitude", Loss::Squared, rotations);
         for (group, first, is_rotation) in
-            [(positions, first.acceleration_mps2, false), (rotations, first.angular_acceleration_rps2, true)]
+            [(positions, first.linear, false), (rotations, first.angular, true)]
         {
             self.components.push(Component {
                 body: body.clone(),
                 group,
                 first,
                 is_rotation,
+                order,
                 is_estimated,
                 last: None,
             });
@@ -210,10 +255,8 @@ impl Motion {
             .filter(|pair| pair.iter().any(|c| system.rows(c.group) > 0))
             .map(|pair| BodyStrength {
                 body: pair[0].body.clone(),
-                strength: MotionStrength {
-                    acceleration_mps2: of(&pair[0]),
-                    angular_acceleration_rps2: of(&pair[1]),
-                },
+                order: pair[0].order,
+                strength: Strengths { linear: of(&pair[0]), angular: of(&pair[1]) },
                 is_estimated: pair[0].is_estimated,
             })
             .collect()
@@ -313,7 +356,7 @@ mod tests {
     }
 
     /// Poses whose second differences are white noise of this strength, with measurement noise.
-    fn measured_poses(strength: MotionStrength, count: usize) -> Vec<Pose> {
+    fn measured_poses(strength: Strengths, count: usize) -> Vec<Pose> {
         let rng = &mut ChaCha8Rng::seed_from_u64(3);
         let root = STEP_S.sqrt();
         let (mut position, mut velocity) = (Vector3::zeros(), Vector3::new(5.0, 0.0, 0.0));
@@ -326,18 +369,15 @@ mod tests {
             poses.push(measured);
             position += velocity * STEP_S;
             rotation *= exp(&(rate * STEP_S));
-            velocity += normal3(rng) * (strength.acceleration_mps2 / root * STEP_S);
-            rate += normal3(rng) * (strength.angular_acceleration_rps2 / root * STEP_S);
+            velocity += normal3(rng) * (strength.linear / root * STEP_S);
+            rate += normal3(rng) * (strength.angular / root * STEP_S);
         }
         poses
     }
 
     #[test]
     fn the_strength_of_simulated_motion_is_found() {
-        for strength in [
-            MotionStrength { acceleration_mps2: 0.2, angular_acceleration_rps2: 0.3 },
-            MotionStrength { acceleration_mps2: 3.0, angular_acceleration_rps2: 0.01 },
-        ] {
+        for strength in [Strengths { linear: 0.2, angular: 0.3 }, Strengths { linear: 3.0, angular: 0.01 }] {
             let measured = measured_poses(strength, 400);
             let mut builder = SystemBuilder::default();
             let blocks: Vec<BlockId> = measured
@@ -357,7 +397,7 @@ mod tests {
             };
             let timed: Vec<TimedPose> = blocks.iter().enumerate().map(timed).collect();
             let mut motion = Motion::default();
-            motion.add(&mut builder, Body::Camera, &timed, MotionPrior::Estimated);
+            motion.add(&mut builder, Body::Camera, &timed, MotionPrior::Estimated(Order::Acceleration));
             let mut system = builder.build();
             let mut minimiser = Minimiser::new(&system).unwrap();
             let mut values = system.start().clone();
@@ -368,10 +408,7 @@ mod tests {
                 }
             }
             let found = motion.strengths(&system)[0].strength;
-            let ratios = [
-                found.acceleration_mps2 / strength.acceleration_mps2,
-                found.angular_acceleration_rps2 / strength.angular_acceleration_rps2,
-            ];
+            let ratios = [found.linear / strength.linear, found.angular / strength.angular];
             // 1,200 rows say a standard deviation to about 1/sqrt(2 * 1200 * share of the prior).
             assert!(ratios.iter().all(|ratio| (0.85..1.18).contains(ratio)), "{strength:?}: {ratios:?}");
         }

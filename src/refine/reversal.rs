@@ -71,7 +71,7 @@ pub fn better_reversed(
         let own = strengths.iter().find(|s| s.body == Body::Vehicle(vehicle.id.clone()));
         let motion = MotionPriors {
             camera: MotionPrior::Off,
-            vehicle: own.map_or(MotionPrior::Off, |own| MotionPrior::Given(own.strength)),
+            vehicle: own.map_or(MotionPrior::Off, |own| MotionPrior::Given(own.order, own.strength)),
         };
         let options = RefineOptions { motion, ..*options };
         let start = with(start, &start.vehicles[at]);

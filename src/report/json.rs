@@ -12,7 +12,7 @@ use crate::initialise::{Initial, Resection};
 use crate::nlls::linear::ordering::Rule;
 use crate::nlls::loss::Loss;
 use crate::problem::Problem;
-use crate::refine::{Adjustment, Body, Reason, Tally};
+use crate::refine::{Adjustment, Body, BodyStrength, Order, Reason, Tally};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -172,10 +172,16 @@ pub struct LossReport {
 pub struct MotionReport {
     /// `camera`, or `vehicle` and its id.
     pub body: String,
-    /// Of the position, per axis.
-    pub acceleration_mps2: f64,
+    /// What is white noise: `acceleration` or `jerk`.
+    pub white_noise: &'static str,
+    /// Acceleration of the position, per axis.
+    pub acceleration_mps2: Option<f64>,
     /// Of the attitude, per axis.
-    pub angular_acceleration_degps2: f64,
+    pub angular_acceleration_degps2: Option<f64>,
+    /// Jerk of the position, per axis.
+    pub jerk_mps3: Option<f64>,
+    /// Of the attitude, per axis.
+    pub angular_jerk_degps3: Option<f64>,
     /// Whether it was estimated from the data.
     pub estimated: bool,
 }
@@ -240,6 +246,20 @@ pub struct RoundReport {
     pub stop: String,
 }
 
+impl MotionReport {
+    /// The power of the second in the unit of the strength, and the strength of position and attitude.
+    pub fn strength(&self) -> (u32, f64, f64) {
+        match (self.acceleration_mps2, self.angular_acceleration_degps2) {
+            (Some(linear), Some(angular)) => (2, linear, angular),
+            _ => (3, self.jerk_mps3.unwrap_or(0.0), self.angular_jerk_degps3.unwrap_or(0.0)),
+        }
+    }
+}
+
+fn of_order(order: Order, found: &BodyStrength, strength: f64) -> Option<f64> {
+    (found.order == order).then_some(strength)
+}
+
 /// The report of an adjustment. Stages and their seconds, and warnings from before, are added.
 pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out: Vec<String>) -> Report {
     let [rms_vehicle_px, rms_target_px, rms_px] = adjustment.rms_px;
@@ -275,8 +295,18 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
                     Body::Camera => "camera".to_owned(),
                     Body::Vehicle(id) => format!("vehicle {id}"),
                 },
-                acceleration_mps2: m.strength.acceleration_mps2,
-                angular_acceleration_degps2: m.strength.angular_acceleration_rps2.to_degrees(),
+                white_noise: match m.order {
+                    Order::Acceleration => "acceleration",
+                    Order::Jerk => "jerk",
+                },
+                acceleration_mps2: of_order(Order::Acceleration, m, m.strength.linear),
+                angular_acceleration_degps2: of_order(
+                    Order::Acceleration,
+                    m,
+                    m.strength.angular.to_degrees(),
+                ),
+                jerk_mps3: of_order(Order::Jerk, m, m.strength.linear),
+                angular_jerk_degps3: of_order(Order::Jerk, m, m.strength.angular.to_degrees()),
                 estimated: m.is_estimated,
             })
             .collect(),

@@ -10,12 +10,11 @@ use trackbundle::problem::{
     Frame, GroundKnowledge, Known, PoseSigma, Problem, Role, ShapePoint, Target, TargetObservation, Vehicle,
     VehicleObservation,
 };
-use trackbundle::refine::{MotionPrior, MotionPriors, MotionStrength};
+use trackbundle::refine::{MotionPrior, MotionPriors, Order, Strengths};
 use trackbundle::terrain::Terrain;
 
 const STEP_S: f64 = 1.0 / 30.0;
-pub const CAMERA_STRENGTH: MotionStrength =
-    MotionStrength { acceleration_mps2: 0.2, angular_acceleration_rps2: 0.01 };
+pub const CAMERA_STRENGTH: Strengths = Strengths { linear: 0.2, angular: 0.01 };
 
 /// What is drawn. What really scatters is the stated standard deviation times `really`.
 #[derive(Clone, Debug)]
@@ -80,7 +79,10 @@ fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
 impl Film {
     /// The motion priors of the film: the camera's is known, the vehicle has none.
     pub fn motion_priors() -> MotionPriors {
-        MotionPriors { camera: MotionPrior::Given(CAMERA_STRENGTH), vehicle: MotionPrior::Off }
+        MotionPriors {
+            camera: MotionPrior::Given(Order::Acceleration, CAMERA_STRENGTH),
+            vehicle: MotionPrior::Off,
+        }
     }
 
     /// The problem, a start near the truth, and the truth.
@@ -155,6 +157,7 @@ impl Film {
                 poses: truth.vehicle.iter().map(|pose| Some(disturbed(pose, rng))).collect(),
                 points: truth.points.iter().map(|point| Some(point + normal3(rng) * 0.02)).collect(),
                 open_depth: vec![false; self.points],
+                motion: None,
                 left_out: None,
             }],
             targets: targets.iter().map(Target::surveyed).collect(),
@@ -210,8 +213,8 @@ impl Film {
             cameras.push(Pose::from_parts(place.into(), turn));
             place += velocity * STEP_S;
             turn *= exp(&(rate * STEP_S));
-            velocity += normal3(rng) * (CAMERA_STRENGTH.acceleration_mps2 / root * STEP_S);
-            rate += normal3(rng) * (CAMERA_STRENGTH.angular_acceleration_rps2 / root * STEP_S);
+            velocity += normal3(rng) * (CAMERA_STRENGTH.linear / root * STEP_S);
+            rate += normal3(rng) * (CAMERA_STRENGTH.angular / root * STEP_S);
         }
         // The vehicle: its height and lean are Gauss-Markov processes.
         let kept = if self.correlation_s > 0.0 { (-STEP_S / self.correlation_s).exp() } else { 0.0 };

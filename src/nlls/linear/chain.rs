@@ -136,19 +136,20 @@ impl Chain {
         }
     }
 
-    /// Blocks of `H^-1` within the band, laid out as those of the matrix, after the factorisation (Takahashi,
+    /// Blocks of `H^-1` within `reach` steps or the band, whichever is more, laid out as those of the matrix,
+    /// after the factorisation (Takahashi,
     /// Fagan and Chin, 1973): from `Z L = L^-T`, step by step from the last to the first,
     ///
     /// ```text
     /// Z_st = (delta_st L_tt^-T - sum_j Z_s,t+j L_t+j,t) L_tt^-1       j = 1 .. band
     /// ```
-    pub fn selected_inverse(&self) -> Vec<Vec<DMatrix<f64>>> {
+    pub fn selected_inverse(&self, reach: usize) -> Vec<Vec<DMatrix<f64>>> {
         let mut inverse: Vec<Vec<DMatrix<f64>>> = vec![Vec::new(); self.dims.len()];
         for (t, column) in self.blocks.iter().enumerate().rev() {
             let (factor, below) = column.split_first().expect("a diagonal block");
             let mut found = vec![DMatrix::identity(factor.nrows(), factor.nrows())];
-            for k in 1..column.len() {
-                let mut sum = DMatrix::zeros(column[k].nrows(), factor.ncols());
+            for k in 1..column.len().max((reach + 1).min(self.dims.len() - t)) {
+                let mut sum = DMatrix::zeros(inverse[t + k][0].nrows(), factor.ncols());
                 for (j, block) in (1..).zip(below) {
                     if k >= j {
                         sum.gemm(-1.0, &inverse[t + j][k - j], block, 1.0);
@@ -486,8 +487,8 @@ mod tests {
             let mut rows = b.transpose();
             chain.solve_rows(&mut rows);
             assert!((rows.transpose() - &wanted).norm() < 1e-11 * wanted.norm(), "{dims:?} {band}");
-            for (t, column) in chain.selected_inverse().iter().enumerate() {
-                assert_eq!(column.len(), chain.blocks[t].len());
+            for (t, column) in chain.selected_inverse(3).iter().enumerate() {
+                assert_eq!(column.len(), chain.blocks[t].len().max(4.min(dims.len() - t)));
                 for (k, block) in column.iter().enumerate() {
                     let wanted = inverse.view((chain.starts[t + k], chain.starts[t]), block.shape());
                     assert!((block - wanted).norm() < 1e-11 * inverse.norm(), "{dims:?} {band}: {t} {k}");

@@ -108,6 +108,8 @@ pub(super) struct Frames {
     /// Unknowns `(c, y)` of each step.
     pub dims: Vec<(usize, usize)>,
     pub band: usize,
+    /// How many steps apart poses may be of whom the covariance is wanted.
+    pub reach: usize,
     pub places: Vec<Place>,
     /// The same for every scalar of the pattern.
     pub scalars: Vec<Place>,
@@ -162,7 +164,7 @@ pub(super) struct FramesLinear {
 impl Frames {
     /// `None` where the structure is another: a pose is held in part, say.
     pub fn new(
-        (steps, relative, least_band): (&[TimeStep], &[usize], usize),
+        (steps, relative, reach): (&[TimeStep], &[usize], usize),
         wanted: Arrangement,
         blocks: &[Block],
         groups: &[Box<dyn AnyGroup>],
@@ -191,7 +193,7 @@ impl Frames {
         }
         let mut is_shape = vec![false; blocks.len()];
         let mut is_rest = vec![false; blocks.len()];
-        let mut band = least_band.min(steps.len().saturating_sub(1));
+        let mut band = 0;
         for (index, group) in groups.iter().enumerate() {
             for item in 0..group.len() {
                 let seen = group.blocks(item);
@@ -275,6 +277,7 @@ impl Frames {
             steps: found,
             dims,
             band,
+            reach,
             places,
             scalars,
             y_starts,

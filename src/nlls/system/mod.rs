@@ -86,7 +86,7 @@ pub struct SystemBuilder {
     common: Vec<BlockId>,
     steps: Vec<TimeStep>,
     relative: Vec<usize>,
-    least_band: usize,
+    reach: usize,
     arrangement: Arrangement,
 }
 
@@ -161,9 +161,9 @@ impl SystemBuilder {
         self.relative = relative.iter().map(|group| group.0).collect();
     }
 
-    /// Wants the covariance of poses of one body that are so many moments apart.
-    pub fn select_band(&mut self, moments: usize) {
-        self.least_band = moments;
+    /// Wants the covariance of poses of one body that are up to so many moments apart.
+    pub fn select_within(&mut self, moments: usize) {
+        self.reach = moments;
     }
 
     /// Chooses how bodies are eliminated by frames, instead of what takes fewer operations.
@@ -205,7 +205,7 @@ impl SystemBuilder {
         let by_frames = || {
             let (pattern, position) = structure(&self.relative);
             let blocks = &self.blocks;
-            let declared = (self.steps.as_slice(), self.relative.as_slice(), self.least_band);
+            let declared = (self.steps.as_slice(), self.relative.as_slice(), self.reach);
             let wanted = self.arrangement;
             let frames = Frames::new(declared, wanted, blocks, &self.groups, &position, &pattern)?;
             Some((pattern, position, frames))

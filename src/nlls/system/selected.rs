@@ -223,7 +223,7 @@ impl TogetherFactor {
         let (m, all) = (frames.shape, frames.border);
         let border = self.border.inverse();
         let chain = &self.chain;
-        let mut band = chain.selected_inverse();
+        let mut band = chain.selected_inverse(frames.reach);
         // X^T in pieces of rows of the border.
         let rest = &self.rest[0];
         let pieces: Vec<DMatrix<f64>> = (0..all)
