@@ -6,6 +6,7 @@
 mod check_points;
 mod distribution;
 mod inner;
+pub mod parameters;
 pub mod observability;
 mod precision;
 mod scale;
@@ -13,6 +14,7 @@ mod statistics;
 mod verdict;
 
 pub use check_points::CheckPrecision;
+pub use parameters::Parameter;
 pub use precision::{PosePrecision, Precision, TrackPrecision};
 pub use scale::{CommonError, Scale};
 pub use statistics::{Component, Reliability, Statistics, VarianceTest};
@@ -43,6 +45,8 @@ pub struct Diagnosis {
     pub is_upper_bound: bool,
     /// How well check points agree, in the order of the adjustment.
     pub check_points: Vec<CheckPrecision>,
+    /// What is adjusted beside poses and points.
+    pub parameters: Vec<Parameter>,
     /// For each vehicle how many directions of its frame are a convention, and the standard deviations of the
     /// six from what is known: root mean square over the points \[m\], worst first.
     pub frames: Vec<(usize, Vec<f64>)>,
@@ -97,11 +101,25 @@ fn vehicle_by_vehicle(
 impl Diagnosis {
     /// Adds the diagnosis of another vehicle under the same cameras.
     fn join(&mut self, other: Diagnosis) {
-        let Diagnosis { precision, statistics, scales, frames, .. } = other;
+        let Diagnosis { precision, statistics, scales, frames, parameters, .. } = other;
         self.precision.join(precision);
         self.statistics.join(statistics);
         self.scales.extend(scales);
         self.frames.extend(frames);
+        self.join_parameters(parameters);
+    }
+}
+
+impl Diagnosis {
+    /// Of what cameras share the least standard deviation counts; clocks belong to their vehicles.
+    fn join_parameters(&mut self, others: Vec<Parameter>) {
+        for other in others {
+            match self.parameters.iter_mut().find(|own| (own.name, &own.of) == (other.name, &other.of)) {
+                Some(own) if other.sigma < own.sigma => *own = other,
+                Some(_) => {}
+                None => self.parameters.push(other),
+            }
+        }
     }
 }
 
@@ -121,6 +139,8 @@ fn of_network(
         scale::scales(estimate, network, &mut covariance, (&functionals, &directions), variance);
     let check_points =
         check_points::check_points(problem, estimate, checks, network, &mut covariance, variance);
+    let parameters =
+        parameters::parameters(problem, estimate, network, &mut covariance, variance);
     let markers: Vec<Option<usize>> = problem
         .vehicles
         .iter()
@@ -143,7 +163,16 @@ fn of_network(
         .collect();
     scale::leave_out(network, &mut scales, &left, &functionals, variance);
     let (observability, is_upper_bound) = (None, false);
-    Ok(Diagnosis { precision, statistics, scales, observability, is_upper_bound, check_points, frames })
+    Ok(Diagnosis {
+        precision,
+        statistics,
+        scales,
+        observability,
+        is_upper_bound,
+        check_points,
+        parameters,
+        frames,
+    })
 }
 
 /// A source in the user's words.

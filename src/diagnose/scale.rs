@@ -99,7 +99,8 @@ pub fn directions(network: &Network, functionals: &DMatrix<f64>, solved: &DMatri
     (0..functionals.ncols()).map(direction).collect()
 }
 
-fn share(network: &Network, source: Source, step: &[f64], variance: f64) -> f64 {
+/// The share of a source in a variance `a^T Q a`, given `Q a`.
+pub fn share(network: &Network, source: Source, step: &[f64], variance: f64) -> f64 {
     let squares: f64 = network
         .model
         .groups_of(source)
@@ -283,7 +284,7 @@ fn add(sum: &mut [f64], part: &[f64]) {
 }
 
 /// How far a step moves the middle of a shape in the world: root mean square over the frames \[m\].
-fn track_shift(estimate: &Estimate, network: &Network, vehicle: usize, step: &[f64]) -> f64 {
+pub fn track_shift(estimate: &Estimate, network: &Network, vehicle: usize, step: &[f64]) -> f64 {
     let frame = &network.frames[vehicle];
     let system = &network.model.system;
     let weights = &frame.weights;

@@ -38,6 +38,13 @@ impl<'a> Undamped<'a> {
         Ok(Undamped { system, normal, factors })
     }
 
+    /// The step to the minimum of the quadratic model.
+    pub fn newton_step(&mut self) -> Vec<f64> {
+        let mut step: Vec<f64> = self.normal.raw_gradient().iter().map(|g| -g).collect();
+        self.factors.solve(self.system, &self.normal, Accuracy::Exact, &mut step);
+        step
+    }
+
     /// The covariance matrix times each column of `x`.
     pub fn times(&mut self, x: &DMatrix<f64>) -> DMatrix<f64> {
         let mut product = x.clone();

@@ -17,6 +17,7 @@
 mod alone;
 mod body_frame;
 mod datum;
+mod directed_tests;
 mod gross_errors;
 mod images;
 mod model;
@@ -29,6 +30,7 @@ pub use alone::alone;
 use body_frame::body_frames;
 pub use body_frame::{BodyFrame, point_motion, pose_motion};
 pub use datum::scale_gap;
+pub use directed_tests::{CRITICAL, DirectedTest};
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, Order, Strengths};
@@ -44,6 +46,7 @@ use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimu
 pub use crate::nlls::system::Arrangement;
 use crate::nlls::system::Values;
 use crate::problem::Problem;
+use directed_tests::{Held, directed_tests};
 use model::Purpose;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -277,6 +280,7 @@ pub fn adjust(
     let robust = estimate.clone();
     let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);
     let network = run.least_squares(&mut estimate, &fits)?;
+    let used = fits.clone();
     let fits = match network {
         // Image points of points that were dropped stay the gross errors that they were.
         Some(_) => Fits::new(problem, &with_points_of(&estimate, &robust), chosen, spread, &excluded),
@@ -294,6 +298,18 @@ pub fn adjust(
     };
     let mut adjustment = outcome::summarise(problem, start, &estimate, end);
     adjustment.warnings.extend(dropped);
+    if let Some(network) = &network {
+        let accepted = if options.loss == LossName::None { &used.all_accepted() } else { &used };
+        adjustment.directed_tests = directed_tests(&Held {
+            problem,
+            start,
+            estimate: &estimate,
+            options,
+            fits: accepted,
+            frames: &network.frames,
+            model: &network.model,
+        });
+    }
     Ok(Adjusted { estimate, adjustment, network })
 }
 

@@ -337,6 +337,11 @@ impl Model {
         self.blocks.open_camera
     }
 
+    /// Block of the bias of the terrain.
+    pub fn terrain_bias(&self) -> BlockId {
+        self.blocks.bias
+    }
+
     /// Block of clock, drift and shift of a receiver.
     pub fn receiver(&self, receiver: usize) -> Option<BlockId> {
         Some(self.blocks.receivers[receiver]?.receiver)

@@ -1,6 +1,7 @@
 //! What was solved and how well.
 
 use super::Network;
+use super::directed_tests::DirectedTest;
 use super::gross_errors::{self, Excluded, Tally, Verdict, Verdicts};
 use super::model::Model;
 use super::motion::BodyStrength;
@@ -52,6 +53,8 @@ pub struct Adjustment {
     pub check_points: Vec<CheckPoint>,
     /// In which order the unknowns were eliminated, and operations of one factorisation.
     pub elimination: (Rule, f64),
+    /// Tests of single numbers that are held.
+    pub directed_tests: Vec<DirectedTest>,
     /// What is odd.
     pub warnings: Vec<String>,
 }
@@ -357,6 +360,7 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
         motion: counted.motion.strengths(&counted.system),
         check_points: check_points(problem, estimate),
         elimination: model.system.elimination(),
+        directed_tests: Vec::new(),
         warnings,
     }
 }

@@ -1,8 +1,9 @@
 //! The part of `report.json` that says how far a result can be trusted.
 
 use crate::diagnose::observability::{Class, Observability};
-use crate::diagnose::{Diagnosis, Reliability, Verdict, source_name};
+use crate::diagnose::{Diagnosis, Parameter, Reliability, Verdict, source_name};
 use crate::problem::Problem;
+use crate::refine::DirectedTest;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
@@ -134,6 +135,78 @@ pub fn observability_report(found: &Observability) -> ObservabilityReport {
             })
             .collect(),
     }
+}
+
+/// A number that is adjusted beside poses and points.
+#[derive(Clone, Debug, Serialize)]
+pub struct ParameterReport {
+    /// Its name, with its unit at the end.
+    pub name: &'static str,
+    /// Whose: vehicle and point of a receiver.
+    pub of: Option<String>,
+    /// What it was before.
+    pub before: f64,
+    /// Its standard deviation before; `null` where nothing was known.
+    pub sigma_before: Option<f64>,
+    /// What it is.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: Sigma,
+    /// Whether the observations say anything of it.
+    pub observable: bool,
+    /// How far the middle of a vehicle's shape would be off, were it held at what it was before.
+    pub effect_m: f64,
+    /// Correlations beyond 0.95, by name.
+    pub correlations: BTreeMap<String, f64>,
+}
+
+/// The test of a number that is held.
+#[derive(Clone, Debug, Serialize)]
+pub struct DirectedTestReport {
+    /// Its name, with its unit at the end.
+    pub name: &'static str,
+    /// Whose.
+    pub of: Option<String>,
+    /// What it is held at.
+    pub held_at: f64,
+    /// What it would be if it were free, to first order.
+    pub estimate: f64,
+    /// Standard deviation of that.
+    pub sigma: f64,
+    /// Standard normal where the number is what it is held at.
+    pub statistic: f64,
+    /// Whether that is rejected at a level of 0.1 %.
+    pub rejected: bool,
+}
+
+/// The numbers of a diagnosis.
+pub fn parameter_reports(diagnosis: &Diagnosis) -> Vec<ParameterReport> {
+    let report = |found: &Parameter| ParameterReport {
+        name: found.name,
+        of: found.of.clone(),
+        before: found.before,
+        sigma_before: found.sigma_before,
+        value: found.value,
+        sigma: Sigma(found.sigma),
+        observable: found.is_observable,
+        effect_m: found.effect_m,
+        correlations: found.correlated.iter().cloned().collect(),
+    };
+    diagnosis.parameters.iter().map(report).collect()
+}
+
+/// The tests of an adjustment.
+pub fn directed_test_reports(tests: &[DirectedTest]) -> Vec<DirectedTestReport> {
+    let report = |test: &DirectedTest| DirectedTestReport {
+        name: test.name,
+        of: test.of.clone(),
+        held_at: test.held_at,
+        estimate: test.estimate,
+        sigma: test.sigma,
+        statistic: test.statistic(),
+        rejected: test.is_rejected(),
+    };
+    tests.iter().map(report).collect()
 }
 
 /// What determined the scale of a vehicle.

@@ -76,6 +76,10 @@ pub struct Report {
     pub statistics: Option<StatisticsReport>,
     /// What determined the scale of each vehicle.
     pub scales: Vec<ScaleReport>,
+    /// What is adjusted beside poses and points.
+    pub estimated: Vec<ParameterReport>,
+    /// Tests of single numbers that are held.
+    pub directed_tests: Vec<DirectedTestReport>,
     /// The loss of image points.
     pub loss: Option<LossReport>,
     /// The motion priors.
@@ -345,6 +349,7 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
                 stop: round.stop.to_string(),
             })
             .collect(),
+        directed_tests: directed_test_reports(&adjustment.directed_tests),
         warnings: adjustment.warnings.clone(),
         ..empty(problem, left_out)
     }
@@ -422,6 +427,8 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         verdict: None,
         statistics: None,
         scales: Vec::new(),
+        estimated: Vec::new(),
+        directed_tests: Vec::new(),
         loss: None,
         motion: Vec::new(),
         check_points: Vec::new(),
@@ -467,6 +474,7 @@ impl Report {
         self.sigmas_are_upper_bounds = diagnosis.is_upper_bound;
         self.statistics = Some(statistics_report(problem, diagnosis));
         self.scales = scale_reports(problem, diagnosis);
+        self.estimated = parameter_reports(diagnosis);
         for (report, found) in self.check_points.iter_mut().zip(&diagnosis.check_points) {
             let [x, y, z] = found.sigma_m.map_or([None; 3], |sigma| sigma.map(Some));
             (report.sigma_dx, report.sigma_dy, report.sigma_dz) = (x, y, z);

@@ -1,0 +1,207 @@
+//! What is adjusted beside poses and points: interior orientation, readout time, clocks, shifts, the bias of
+//! the terrain.
+//!
+//! With the column `q = Q e` of the covariance that belongs to a number `p`, its variance is `e^T q`, and were
+//! it held where it was before, the unknowns would be off by
+//!
+//! ```text
+//! dx = q (p - p0) / (e^T q)
+//! ```
+//!
+//! which is its effect on the result. A number that is known no better than before, or of which nothing but a
+//! convention keeps it in its place, is not observable.
+
+use super::inner::UNDETERMINED;
+use super::scale::{share, track_shift};
+use crate::estimate::Estimate;
+use crate::nlls::covariance::Covariance;
+use crate::nlls::system::BlockId;
+use crate::problem::{Freedom, Problem};
+use crate::refine::{Network, Source};
+use nalgebra::DMatrix;
+
+/// Correlations beyond this are worth a word.
+pub const CORRELATED: f64 = 0.95;
+/// Not observable is what is known to no less than this share of its standard deviation before.
+const NO_NEWS: f64 = 0.95;
+
+/// A number that is adjusted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Its name, with its unit at the end: `readout_s`.
+    pub name: &'static str,
+    /// Whose: the vehicle and point of a receiver, say.
+    pub of: Option<String>,
+    /// What it was before.
+    pub before: f64,
+    /// Its standard deviation before; `None`: nothing was known.
+    pub sigma_before: Option<f64>,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation a posteriori; infinite where nothing determines it.
+    pub sigma: f64,
+    /// Whether the observations say anything of it.
+    pub is_observable: bool,
+    /// How far the middle of a vehicle's shape would be, were it held at `before`: root mean square over the
+    /// frames, of the vehicle that it moves most \[m\].
+    pub effect_m: f64,
+    /// Others with which it is correlated beyond [`CORRELATED`].
+    pub correlated: Vec<(String, f64)>,
+}
+
+impl Parameter {
+    /// Its name and whose it is.
+    pub fn full_name(&self) -> String {
+        match &self.of {
+            None => self.name.to_owned(),
+            Some(of) => format!("{} of {of}", self.name),
+        }
+    }
+}
+
+/// Where a number is, and what was known of it.
+struct Place {
+    block: BlockId,
+    at: usize,
+    name: &'static str,
+    of: Option<String>,
+    before: f64,
+    /// Standard deviation before; of a convention where nothing was known.
+    sigma_before: Option<f64>,
+    value: f64,
+}
+
+fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Place> {
+    let model = &network.model;
+    let mut all = Vec::new();
+    if let Some([interior, readout]) = model.open_camera() {
+        let names = problem.camera.interior_names();
+        let (before, now) = (problem.camera.interior(), estimate.camera.interior());
+        for (at, freedom) in problem.calibration.iter().enumerate() {
+            all.push(Place {
+                block: interior,
+                at,
+                name: names[at],
+                of: None,
+                before: before[at],
+                sigma_before: sigma_of(*freedom),
+                value: now[at],
+            });
+        }
+        all.push(Place {
+            block: readout,
+            at: 0,
+            name: "readout_s",
+            of: None,
+            before: problem.shutter.readout_s,
+            sigma_before: sigma_of(problem.shutter.freedom),
+            value: estimate.readout_s,
+        });
+    }
+    if let Some(ground) = &problem.ground {
+        all.push(Place {
+            block: model.terrain_bias(),
+            at: 0,
+            name: "terrain_bias_m",
+            of: None,
+            before: 0.0,
+            sigma_before: Some(ground.bias_sigma_m),
+            value: estimate.terrain_bias_m,
+        });
+    }
+    for (at, (receiver, found)) in problem.receivers.iter().zip(&estimate.receivers).enumerate() {
+        let (Some(numbers), Some(antenna)) = (model.receiver(at), model.antenna(at)) else { continue };
+        let known = &receiver.knowledge;
+        let mut add = |block: BlockId, at: usize, name, before: f64, sigma_before, value: f64| {
+            let of = Some(receiver.name(&problem.vehicles));
+            all.push(Place { block, at, name, of, before, sigma_before, value });
+        };
+        let offset = known.clock_offset;
+        let before = offset.map_or(0.0, |offset| offset.value_m);
+        add(numbers, 0, "clock_offset_s", before, offset.map(|o| o.sigma_m), found.clock_offset_s);
+        add(numbers, 1, "clock_drift", 0.0, Some(known.drift_sigma), found.clock_drift);
+        for (axis, name) in ["shift_x_m", "shift_y_m", "shift_z_m"].into_iter().enumerate() {
+            add(numbers, 2 + axis, name, 0.0, Some(known.shift_sigma_m), found.shift_m[axis]);
+        }
+        if known.lever_sigma_m > 0.0 {
+            for (axis, name) in ["lever_x_m", "lever_y_m", "lever_z_m"].into_iter().enumerate() {
+                let (before, value) = (known.lever_arm_m[axis], found.lever_arm_m[axis]);
+                add(antenna, axis, name, before, Some(known.lever_sigma_m), value);
+            }
+        }
+    }
+    all.retain(|place| model.system.range_of(place.block).is_some() && model.system.free(place.block)[place.at]);
+    all
+}
+
+fn sigma_of(freedom: Freedom) -> Option<f64> {
+    match freedom {
+        Freedom::Prior(sigma) => Some(sigma),
+        Freedom::Fixed => Some(0.0),
+        Freedom::Free => None,
+    }
+}
+
+/// All that are adjusted.
+pub fn parameters(
+    problem: &Problem,
+    estimate: &Estimate,
+    network: &Network,
+    covariance: &mut Covariance<'_>,
+    variance_factor: f64,
+) -> Vec<Parameter> {
+    let system = &network.model.system;
+    let places = places(problem, estimate, network);
+    let row = |place: &Place| system.range_of(place.block).expect("adjusted").start + place.at;
+    let mut units = DMatrix::zeros(system.size(), places.len());
+    for (column, place) in places.iter().enumerate() {
+        units[(row(place), column)] = 1.0;
+    }
+    if places.is_empty() {
+        return Vec::new();
+    }
+    // Lever arms are those of the antenna, and the shape point moves with it.
+    let columns = covariance.times(&units);
+    let variance = |at: usize| columns[(row(&places[at]), at)];
+    let mut all: Vec<Parameter> = Vec::new();
+    for (at, place) in places.iter().enumerate() {
+        let own = variance(at);
+        let is_convention = place.sigma_before.is_none()
+            && share(network, Source::Convention, columns.column(at).as_slice(), own) > UNDETERMINED;
+        let sigma = if is_convention { f64::INFINITY } else { (own * variance_factor).sqrt() };
+        let is_antenna = place.name.starts_with("lever");
+        let is_observable = is_antenna
+            || match place.sigma_before {
+                None => !is_convention,
+                Some(before) => own.sqrt() < NO_NEWS * before,
+            };
+        let change = place.value - place.before;
+        let step: Vec<f64> = columns.column(at).iter().map(|q| q * change / own).collect();
+        let effect = |vehicle: usize| track_shift(estimate, network, vehicle, &step);
+        let effect_m = match is_antenna {
+            true => 0.0,
+            false => (0..network.frames.len()).map(effect).fold(0.0, f64::max),
+        };
+        all.push(Parameter {
+            name: place.name,
+            of: place.of.clone(),
+            before: place.before,
+            sigma_before: place.sigma_before,
+            value: place.value,
+            sigma,
+            is_observable,
+            effect_m,
+            correlated: Vec::new(),
+        });
+    }
+    for (a, place) in places.iter().enumerate() {
+        for b in 0..places.len() {
+            let r = columns[(row(place), b)] / (variance(a) * variance(b)).sqrt();
+            if a != b && r.abs() > CORRELATED {
+                let name = all[b].full_name();
+                all[a].correlated.push((name, r));
+            }
+        }
+    }
+    all
+}
