@@ -34,6 +34,8 @@ const LEAST_SHARE: f64 = 0.5;
 pub const LARGEST_SIGMA_S: f64 = 0.05;
 /// A second minimum is clearly worse where its residuals are larger by this factor.
 pub const CLEARLY_WORSE: f64 = 1.25;
+/// Residuals are not told apart below this \[m\].
+const LEAST_SCALE_M: f64 = 1e-3;
 /// So many minima of the scan are refined.
 const CANDIDATES: usize = 8;
 /// The scan makes do with this many places.
@@ -125,7 +127,8 @@ fn search(track: &Curve, reference: &Curve, shift: Shift) -> Result<ClockEstimat
     let far_s = (3.0 * sigma_s).max(2.0 * GRID_STEP_S);
     // Where the sigma alone is no reason, another minimum may be one.
     let other = candidates.iter().find(|c| {
-        (c.offset_s - estimate.offset_s).abs() > far_s && c.spread_m < CLEARLY_WORSE * best.spread_m
+        (c.offset_s - estimate.offset_s).abs() > far_s
+            && c.spread_m < CLEARLY_WORSE * best.spread_m.max(LEAST_SCALE_M)
     });
     if sigma_s > LARGEST_SIGMA_S {
         return Err(format!(
@@ -224,7 +227,7 @@ fn refine(
 ) -> Result<(ClockEstimate, Precision), String> {
     let mut offset_s = start_s;
     let mut half_s = GRID_STEP_S;
-    let mut scale_m = comparison.spread(&comparison.differences(samples, offset_s)).max(1e-3);
+    let mut scale_m = comparison.spread(&comparison.differences(samples, offset_s)).max(LEAST_SCALE_M);
     for _ in 0..ROUNDS {
         // The same places everywhere in the bracket: else the cost would have steps.
         let covered = comparison.covered(samples, offset_s, half_s);

@@ -126,23 +126,19 @@ fn offsets_are_found_with_noise_gross_errors_and_a_shift() {
 
 #[test]
 fn the_standard_deviation_is_that_of_many_films() {
-    for step in [0.1, 0.2] {
+    // Frames in step with the receiver are the worst case: without places between them, the noise that
+    // interpolation takes away would pull the offset off by half a step.
+    for (step, noise_m) in [(0.1, 0.05), (0.2, 0.4)] {
         let mut squares = 0.0;
         let films = 40;
         for seed in 0..films {
-            // Frames in step with the receiver: the worst case.
-            let setting = Setting {
-                noise_m: 0.05,
-                seed,
-                film_step_s: step,
-                receiver_step_s: step,
-                ..Default::default()
-            };
+            let setting =
+                Setting { noise_m, seed, film_step_s: step, receiver_step_s: step, ..Default::default() };
             let found = estimated(setting.offset(&drive, Shift::Free));
             squares += (found.offset_s / found.sigma_s).powi(2);
         }
         let ratio = (squares / films as f64).sqrt();
-        assert!((0.75..1.3).contains(&ratio), "{step}: {ratio}");
+        assert!((0.7..1.35).contains(&ratio), "{step}: {ratio}");
     }
 }
 
@@ -219,6 +215,23 @@ fn a_period_is_named_with_both_offsets() {
         assert!((0..2).all(|k| ((numbers[k] - 0.5).rem_euclid(4.0) + 1.0).rem_euclid(4.0) < 1.01), "{why}");
         assert!((numbers[0] - numbers[1]).abs() > 3.9, "{why}");
     }
+}
+
+#[test]
+fn a_change_of_velocity_that_drowns_in_noise_is_too_little() {
+    let winding = |t: f64| [12.0 * t, 0.3 * (0.7 * t).sin()];
+    let whys: Vec<String> = (0..10)
+        .map(|seed| Setting { noise_m: 0.15, seed, ..Default::default() })
+        .map(|setting| not_observable(setting.offset(&winding, Shift::Free)))
+        .collect();
+    assert!(whys.iter().any(|why| why.contains("its standard deviation would be 0.")), "{whys:#?}");
+}
+
+#[test]
+fn an_offset_at_the_end_of_the_search_is_not_trusted() {
+    let setting = Setting { offset_s: 10.03, ..Default::default() };
+    let why = not_observable(setting.offset(&drive, Shift::Free));
+    assert!(why.contains("the last one that was tried"), "{why}");
 }
 
 #[test]
