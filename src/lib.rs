@@ -6,6 +6,7 @@
 //! ```text
 //! problem folder -> files -> Problem -> initialise -> Estimate -> refine -> Estimate + Adjustment -> report
 //!                                                                   nlls                          -> scene
+//! reference + result folder -> evaluate -> report
 //! ```
 //!
 //! Modules stand in the order of their floors, lowest first; each may use those above it here only
@@ -29,6 +30,8 @@ pub mod estimate;
 pub mod files;
 pub mod initialise;
 pub mod refine;
+
+pub mod evaluate;
 
 pub mod report;
 pub mod scene;

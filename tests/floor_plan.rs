@@ -70,11 +70,13 @@ const PLAN: &[(u32, &str, &[&str])] = &[
             "nlls/system",
         ],
     ),
+    (6, "evaluate", &["files", "reference", "nlls/loss"]),
     (
         8,
         "report",
         &[
             "diagnose",
+            "evaluate",
             "refine",
             "initialise",
             "files",
@@ -91,6 +93,7 @@ const PLAN: &[(u32, &str, &[&str])] = &[
         "cli",
         &[
             "diagnose",
+            "evaluate",
             "files",
             "tables",
             "problem",
@@ -109,7 +112,7 @@ const PLAN: &[(u32, &str, &[&str])] = &[
 const DOORS: &[(&str, &[&str])] = &[
     ("faer", &["nlls/linear"]),
     ("clarabel", &["initialise"]),
-    ("argmin", &["nlls/minimise"]),
+    ("argmin", &["nlls/minimise", "evaluate"]),
     ("csv", &["tables", "report"]),
     ("serde", &["tables", "files", "reference", "report"]),
     ("serde_json", &["report"]),
@@ -128,7 +131,7 @@ const DOORS: &[(&str, &[&str])] = &[
 ];
 
 /// What lies between `files` and `refine` must not be able to see what a result is compared with.
-const MAY_OPEN_REFERENCE: &[&str] = &["reference", "cli"];
+const MAY_OPEN_REFERENCE: &[&str] = &["reference", "evaluate", "cli"];
 
 const TOP_LEVEL: &[&str] = &[
     ".ci/run",

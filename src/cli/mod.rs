@@ -1,6 +1,7 @@
 //! The command line: arguments, progress, exit codes; one file per command.
 
 mod check;
+mod evaluate;
 mod initialise;
 mod options;
 mod output;
@@ -42,6 +43,8 @@ enum Command {
     Initialise(initialise::Arguments),
     /// Adjust shapes, vehicle poses and camera poses together.
     Refine(refine::Arguments),
+    /// Compare the tracks of a result with reference/gnss.csv, which is never adjusted to.
+    Evaluate(evaluate::Arguments),
     /// Print completions for a shell: source <(trackbundle completions bash)
     Completions {
         /// The shell.
@@ -54,8 +57,8 @@ enum Command {
 enum Failure {
     /// 2: the arguments do not fit.
     Usage(String),
-    /// 3: the input is invalid.
-    Invalid(PathBuf, Findings),
+    /// 3: the input is invalid, folder by folder.
+    Invalid(Vec<(PathBuf, Findings)>),
     /// 4: there is no usable solution.
     NoSolution(String),
     /// 1: anything else.
@@ -90,6 +93,7 @@ pub fn run() -> ExitCode {
         Command::Check(arguments) => check::run(arguments),
         Command::Initialise(arguments) => initialise::run(arguments),
         Command::Refine(arguments) => refine::run(arguments),
+        Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "trackbundle", &mut script);
@@ -110,13 +114,15 @@ fn report(failure: &Failure) -> ExitCode {
             eprintln!("error: {message}");
             ExitCode::from(2)
         }
-        Failure::Invalid(folder, findings) => {
-            for line in findings.to_string().lines() {
-                eprintln!("error: {}", Path::new(folder).join(line).display());
+        Failure::Invalid(folders) => {
+            for (folder, findings) in folders {
+                for line in findings.to_string().lines() {
+                    eprintln!("error: {}", Path::new(folder).join(line).display());
+                }
+                let count = findings.errors().len();
+                let s = if count == 1 { "" } else { "s" };
+                eprintln!("{}: {count} finding{s}; nothing was computed or written", folder.display());
             }
-            let count = findings.errors().len();
-            let s = if count == 1 { "" } else { "s" };
-            eprintln!("{}: {count} finding{s}; nothing was computed or written", folder.display());
             ExitCode::from(3)
         }
         Failure::NoSolution(message) => {

@@ -180,7 +180,7 @@ impl OutputOptions {
 
 /// Reads and validates a problem folder whole.
 pub fn read(folder: &Path) -> Result<Input, Failure> {
-    let invalid = |findings| Failure::Invalid(folder.to_owned(), findings);
+    let invalid = |findings| Failure::Invalid(vec![(folder.to_owned(), findings)]);
     match files::read_problem(folder) {
         Ok(Folder { inventory, problem, warnings }) => {
             let vehicles: Vec<String> = inventory.vehicles.iter().map(|v| v.id.clone()).collect();

@@ -1,12 +1,14 @@
-//! Problem folders in, result rows out: the one place that knows the names of columns and keys.
+//! Problem folders in, result rows out and back in: the one place that knows the names of columns and keys.
 
 mod checked;
 mod inventory;
 mod problem_folder;
 mod problem_toml;
+mod result_folder;
 pub mod rows;
 mod section;
 
 pub use checked::Folder;
 pub use inventory::{Inventory, TargetInventory, VehicleInventory};
 pub use problem_folder::read_problem;
+pub use result_folder::{ResultTracks, TrackPosition, read_tracks};

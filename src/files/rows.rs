@@ -3,7 +3,7 @@
 //! Units: metres, seconds, pixels; degrees where a name ends in `_deg`. Poses are `world_from_body`,
 //! quaternions scalar first. `docs/formats.md` says the rest.
 
-use crate::tables::{Sigma, input_row};
+use crate::tables::{ResultSigma, Sigma, input_row};
 use serde::Serialize;
 
 input_row!(
@@ -72,6 +72,18 @@ input_row!(
         required vehicle: String, required point: String, required time_s: f64,
         required x: f64, required y: f64, required z: f64,
         required sigma_x: Sigma, required sigma_y: Sigma, required sigma_z: Sigma,
+    }
+);
+
+input_row!(
+    /// `trajectories.csv` read back; what else than places is told may be missing.
+    TrajectoryRow {
+        required vehicle: String, required frame: i64, required time_s: f64,
+        required x: f64, required y: f64, required z: f64,
+        optional speed_mps: Option<f64>, optional heading_deg: Option<f64>,
+        optional sigma_x: ResultSigma, optional sigma_y: ResultSigma, optional sigma_z: ResultSigma,
+        optional cov_xy: Option<f64>,
+        optional sigma_speed_mps: ResultSigma, optional sigma_heading_deg: ResultSigma,
     }
 );
 
@@ -146,3 +158,15 @@ result_row!(
         du: f64, dv: f64, weight: f64,
     }
 );
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tables::Row;
+
+    #[test]
+    fn a_track_is_read_by_the_columns_that_it_is_written_with() {
+        let read: Vec<&str> = TrajectoryRow::COLUMNS.iter().map(|column| column.name).collect();
+        assert_eq!(read, TrajectoryResult::HEADER);
+    }
+}

@@ -2,11 +2,13 @@
 
 mod cloud;
 mod diagnosis;
+mod evaluation;
 pub mod folder;
 mod json;
 mod rounding;
 mod tables;
 
+pub use evaluation::{EvaluationReport, evaluation_report};
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
 pub use tables::result_tables;
 

@@ -23,6 +23,8 @@ pub enum Kind {
     NumberOrEmpty,
     /// A finite number of at least zero, or nothing where it is not known.
     SigmaOrEmpty,
+    /// A number of at least zero, `inf` where nothing determines it, or nothing where it is not known.
+    SigmaOfResult,
     /// A text.
     Text,
     /// A text or nothing.
@@ -190,6 +192,10 @@ fn fits(kind: Kind, cell: &str) -> Result<(), &'static str> {
             let right = cell.is_empty() || finite(cell).is_some_and(|v| v >= 0.0);
             (right, "a finite number of at least 0, or nothing")
         }
+        Kind::SigmaOfResult => {
+            let right = cell.is_empty() || cell.parse::<f64>().is_ok_and(|v| v >= 0.0);
+            (right, "a number of at least 0, inf, or nothing")
+        }
         Kind::Text => (!cell.is_empty(), "a text"),
         Kind::TextOrEmpty => (true, ""),
     };
@@ -209,6 +215,17 @@ pub trait Cell: Sized {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sigma(pub Option<f64>);
 
+/// A standard deviation of a result: `inf` where nothing determines the quantity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ResultSigma(pub Option<f64>);
+
+impl ResultSigma {
+    /// The standard deviation of a quantity that is determined.
+    pub fn known(self) -> Option<f64> {
+        self.0.filter(|sigma| sigma.is_finite())
+    }
+}
+
 /// Implements [`Cell`] for a type that is read as `$from` and must be `$right`.
 macro_rules! cell {
     ($type:ty, $kind:ident, $from:ty, $right:expr, $into:expr) => {
@@ -227,6 +244,7 @@ cell!(i64, Integer, i64, |_| true, |v| v);
 cell!(f64, Number, f64, |v| v.is_finite(), |v| v);
 cell!(Option<f64>, NumberOrEmpty, Option<f64>, |v| v.is_none_or(f64::is_finite), |v| v);
 cell!(Sigma, SigmaOrEmpty, Option<f64>, |v| v.is_none_or(|v| v.is_finite() && v >= 0.0), Sigma);
+cell!(ResultSigma, SigmaOfResult, Option<f64>, |v| v.is_none_or(|v| v >= 0.0), ResultSigma);
 cell!(String, Text, String, |v| !v.is_empty(), |v| v);
 cell!(Option<String>, TextOrEmpty, Option<String>, |_| true, |v| v);
 

@@ -1,0 +1,264 @@
+//! `trackbundle evaluate`.
+
+use super::Failure;
+use super::options::{Input, read};
+use super::output::{counted, grouped, print, warn_all};
+use crate::evaluate::clock::{ClockOffset, Shift};
+use crate::evaluate::statistics::Statistics;
+use crate::evaluate::track::{Association, SpeedSource, TrackComparison};
+use crate::evaluate::{Clock, EvaluateOptions, Evaluation, VehicleEvaluation, evaluate};
+use crate::files::read_tracks;
+use crate::report::evaluation_report;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Arguments of the command.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The problem folder, with reference/gnss.csv
+    problem: PathBuf,
+
+    /// A result folder: its trajectories.csv is compared
+    result: PathBuf,
+
+    /// Offset of the receiver's clock, t_reference = t_video + offset: seconds, or estimate to apply what
+    /// the tracks themselves say
+    #[arg(
+        long,
+        value_name = "SECONDS|estimate",
+        default_value = "0",
+        value_parser = clock_offset,
+        allow_hyphen_values = true
+    )]
+    clock_offset: Clock,
+
+    /// What is free beside the offset where it is estimated
+    #[arg(long, value_enum, default_value_t = FreeShift::Free)]
+    clock_shift: FreeShift,
+
+    /// What is compared with what
+    #[arg(long, value_enum, default_value_t = Associated::Interpolated)]
+    association: Associated,
+
+    /// Print the comparison to standard output as JSON
+    #[arg(long)]
+    json: bool,
+
+    /// Print no warnings and no summary; errors are always printed
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum FreeShift {
+    /// A constant shift in x and y: only changes of velocity show the offset
+    Free,
+    /// Nothing: a constant velocity shows it too
+    None,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Associated {
+    /// Every frame with the reference at its time, between its positions
+    Interpolated,
+    /// Every position of the reference with the nearest frame
+    Nearest,
+}
+
+/// Reads `estimate` or seconds.
+fn clock_offset(text: &str) -> Result<Clock, String> {
+    if text == "estimate" {
+        return Ok(Clock::Estimated);
+    }
+    let seconds = text.parse::<f64>().ok().filter(|v| v.is_finite());
+    seconds.map(Clock::Given).ok_or_else(|| "wanted estimate, or a number of seconds".to_owned())
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let input = read(&arguments.problem);
+    let known = input.as_ref().ok();
+    let vehicles: Option<Vec<String>> =
+        known.map(|input| input.inventory.vehicles.iter().map(|v| v.id.clone()).collect());
+    let frames = known.and_then(|input| input.problem.as_ref().ok()).map(|problem| problem.frames.as_slice());
+    let tracks = read_tracks(&arguments.result, vehicles.as_deref(), frames)
+        .map_err(|findings| Failure::Invalid(vec![(arguments.result.clone(), findings)]));
+    // What is wrong with either is told at once.
+    let (input, tracks) = match (input, tracks) {
+        (Ok(input), Ok(tracks)) => (input, tracks),
+        (Err(Failure::Invalid(mut all)), Err(Failure::Invalid(more))) => {
+            all.extend(more);
+            return Err(Failure::Invalid(all));
+        }
+        (Err(failure), _) | (_, Err(failure)) => return Err(failure),
+    };
+    let Input { reference, mut warnings, .. } = input;
+    warnings.extend(tracks.warnings);
+
+    let options = EvaluateOptions {
+        clock: arguments.clock_offset,
+        shift: match arguments.clock_shift {
+            FreeShift::Free => Shift::Free,
+            FreeShift::None => Shift::None,
+        },
+        association: match arguments.association {
+            Associated::Interpolated => Association::Interpolated,
+            Associated::Nearest => Association::Nearest,
+        },
+    };
+    let evaluation = evaluate(&vehicles.unwrap_or_default(), &tracks.tracks, &reference.tracks, &options);
+    let missing: Vec<String> =
+        evaluation.not_compared.iter().map(|(vehicle, why)| format!("vehicle {vehicle}: {why}")).collect();
+    if evaluation.vehicles.is_empty() {
+        return Err(Failure::NoSolution(format!("nothing can be compared: {}", missing.join("; "))));
+    }
+    warnings.extend(missing.into_iter().map(|missing| format!("not compared: {missing}")));
+    warnings.extend(evaluation.vehicles.iter().filter_map(clock_warning));
+    if !arguments.quiet {
+        warn_all(&warnings);
+    }
+    if arguments.json {
+        print(&evaluation_report(&arguments.problem, &arguments.result, &evaluation, warnings).to_json())
+    } else if arguments.quiet {
+        Ok(())
+    } else {
+        print(&describe(&evaluation, &options))
+    }
+}
+
+fn clock_warning(found: &VehicleEvaluation) -> Option<String> {
+    let [off_s, moved_m] = found.clock_matters()?;
+    let VehicleEvaluation { vehicle, track, .. } = found;
+    Some(format!(
+        "vehicle {vehicle}: by its tracks the offset of the receiver's clock is {:.4} s, {:.4} s was applied: {moved_m:.3} m \
+         at its median speed (--clock-offset estimate)",
+        track.clock_offset_s + off_s,
+        track.clock_offset_s,
+    ))
+}
+
+/// The comparison in a few lines.
+fn describe(evaluation: &Evaluation, options: &EvaluateOptions) -> String {
+    let mut text = "differences result minus reference; alignment none\n".to_owned();
+    text += match options.association {
+        Association::Interpolated => {
+            "association the reference at the times of frames, between its positions\n"
+        }
+        Association::Nearest => "association each position of the reference with the nearest frame\n",
+    };
+    for found in &evaluation.vehicles {
+        text += &describe_vehicle(found, options.clock);
+    }
+    text
+}
+
+fn describe_vehicle(found: &VehicleEvaluation, clock: Clock) -> String {
+    let VehicleEvaluation { vehicle, track, .. } = found;
+    let mut text = format!(
+        "vehicle     {vehicle}: {} compared of {} and {} of the reference; {} outside, {} in gaps (steps above {:.3} s)\n",
+        grouped(track.compared.len()),
+        counted(track.positions[0], "frame"),
+        counted(track.positions[1], "position"),
+        grouped(track.outside),
+        grouped(track.in_gaps),
+        track.longest_step_s
+    );
+    let origin = if clock == Clock::Estimated { "estimated" } else { "as given" };
+    text += &format!(
+        "clock       t_reference = t_video + {:.4} s ({origin}); {}\n",
+        track.clock_offset_s,
+        describe_clock(&found.clock)
+    );
+    text += &describe_track(track);
+    text
+}
+
+fn describe_clock(clock: &ClockOffset) -> String {
+    match clock {
+        ClockOffset::NotObservable { why } => format!("not to be estimated: {why}"),
+        ClockOffset::Estimated(found) => format!(
+            "by the tracks {:.4} s, sigma {:.4} s, beside a shift of {:.3} {:.3} m ({} independent places, left {:.3} m)",
+            found.offset_s,
+            found.sigma_s,
+            found.shift_m[0],
+            found.shift_m[1],
+            found.independent.round(),
+            found.scale_m
+        ),
+    }
+}
+
+/// A row of statistics: median `m` and median absolute deviation `D` by the names of the literature.
+fn row(name: &str, index: &str, unit: &str, found: &Statistics) -> String {
+    let Statistics { median, mad, mad_sigma, mean, rms, abs_95, .. } = found;
+    format!(
+        "{name:12}m_{index} {median:.4} {unit}, D_{index} {mad:.4} {unit} (x 1.4826: {mad_sigma:.4}), mean {mean:.4}, rms {rms:.4}, \
+         95 % {abs_95:.4}\n"
+    )
+}
+
+fn describe_track(track: &TrackComparison) -> String {
+    let number =
+        |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    let mut text = String::new();
+    for (axis, found) in ["x", "y", "z"].iter().zip(&track.axes_m) {
+        text += &row(axis, axis, "m", found);
+    }
+    match &track.along_across_m {
+        Some([along, across]) => {
+            text += &row("along track", "along", "m", along);
+            text += &row("to its left", "left", "m", across);
+        }
+        None => text += "along track no direction: the reference hardly moves\n",
+    }
+    let [ce90, le90] = track.circular_linear_90_m;
+    text += &format!("CE90, LE90  {ce90:.4} m, {le90:.4} m\n");
+    match &track.speed_mps {
+        Some(speed) => {
+            text += &row("speed", "v", "m/s", speed);
+            let (width, bin) = match track.speed_half_width_mps {
+                Some(width) => (Some(width.half_width), Some(width.bin)),
+                None => (None, None),
+            };
+            text += &format!(
+                "            half width at half maximum {} m/s (bins of {} m/s); reference by {}, median {} m/s\n",
+                number(width, 4),
+                number(bin, 4),
+                match track.speed_source {
+                    Some(SpeedSource::Measured) => "its own velocities",
+                    Some(SpeedSource::Mixed) => "its own velocities and central differences",
+                    Some(SpeedSource::Differences) | None => "central differences of its positions",
+                },
+                number(track.median_speed_mps, 3)
+            );
+        }
+        None => text += "speed       not known in either track\n",
+    }
+    let sigmas = |sigmas: &[Option<f64>; 3]| sigmas.map(|sigma| number(sigma, 4)).join(" ");
+    text += &format!(
+        "sigma       x y z, median: result {} m, reference {} m\n",
+        sigmas(&track.sigma_m),
+        sigmas(&track.reference_sigma_m)
+    );
+    if let Some((value, count)) = track.chi_square {
+        text += &format!(
+            "chi-square  of x and y per degree of freedom {value:.3} (1 where both are as good as they say), {}\n",
+            counted(count, "frame")
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offsets_are_read() {
+        assert_eq!(clock_offset("estimate"), Ok(Clock::Estimated));
+        assert_eq!(clock_offset("-0.5"), Ok(Clock::Given(-0.5)));
+        for wrong in ["", "soon", "nan", "inf", "1e999", "0.1 s"] {
+            assert!(clock_offset(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! A result held against what it was never adjusted to.
+//!
+//! Tracks are compared with GNSS positions: clocks ([`clock`]), association in time ([`curve`]), and
+//! what is left ([`track`], [`statistics`]). Nothing is aligned: a difference is result minus reference
+//! as they stand. `docs/evaluate.md` has the formulas.
+
+pub mod clock;
+pub mod curve;
+pub mod statistics;
+pub mod track;
+
+use crate::files::TrackPosition;
+use crate::reference::GnssPosition;
+use clock::{ClockOffset, Shift, clock_offset};
+use curve::Curve;
+use track::{Association, TrackComparison, compare};
+
+/// Which offset of the receiver's clock is applied: `t_reference = t_video + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Clock {
+    /// This \[s\].
+    Given(f64),
+    /// That which is estimated from the tracks; without one, a vehicle is not compared.
+    Estimated,
+}
+
+/// How tracks are compared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EvaluateOptions {
+    /// The offset that is applied.
+    pub clock: Clock,
+    /// What else than the offset is free where it is estimated.
+    pub shift: Shift,
+    /// What is compared with what.
+    pub association: Association,
+}
+
+impl Default for EvaluateOptions {
+    fn default() -> Self {
+        EvaluateOptions {
+            clock: Clock::Given(0.0),
+            shift: Shift::Free,
+            association: Association::Interpolated,
+        }
+    }
+}
+
+/// The comparison of a vehicle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VehicleEvaluation {
+    /// Its id.
+    pub vehicle: String,
+    /// What the tracks say of the clocks, whether it was applied or not.
+    pub clock: ClockOffset,
+    /// Its track, against GNSS.
+    pub track: TrackComparison,
+}
+
+impl VehicleEvaluation {
+    /// What is lost for the clocks: how far the estimated offset lies from the applied one \[s\], and how far
+    /// the vehicle moves in this time \[m\]. `None` where it does not matter: within three standard
+    /// deviations, or less than tracks scatter anyway.
+    pub fn clock_matters(&self) -> Option<[f64; 2]> {
+        let ClockOffset::Estimated(found) = &self.clock else { return None };
+        let off_s = found.offset_s - self.track.clock_offset_s;
+        let moved_m = off_s.abs() * self.track.median_speed_mps?;
+        (off_s.abs() > 3.0 * found.sigma_s && moved_m > found.scale_m).then_some([off_s, moved_m])
+    }
+}
+
+/// The comparison of a result.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Evaluation {
+    /// Of the vehicles that have two tracks.
+    pub vehicles: Vec<VehicleEvaluation>,
+    /// The others, and why they were not compared.
+    pub not_compared: Vec<(String, String)>,
+}
+
+/// Compares the tracks of a result with those of the reference, for each of the problem's `vehicles`.
+pub fn evaluate(
+    vehicles: &[String],
+    result: &[(String, Vec<TrackPosition>)],
+    reference: &[(String, Vec<GnssPosition>)],
+    options: &EvaluateOptions,
+) -> Evaluation {
+    let mut evaluation = Evaluation::default();
+    for vehicle in vehicles {
+        let track = result.iter().find(|(id, _)| id == vehicle).map(|(_, track)| track.as_slice());
+        let positions = reference.iter().find(|(id, _)| id == vehicle).map(|(_, track)| track.as_slice());
+        let compared = match (track, positions) {
+            (None, None) => Err("neither the result nor reference/gnss.csv has its track".to_owned()),
+            (None, Some(_)) => Err("the result has no track of it".to_owned()),
+            (Some(_), None) => Err("reference/gnss.csv has no position of it".to_owned()),
+            (Some(track), Some(positions)) => evaluate_vehicle(vehicle, track, positions, options),
+        };
+        match compared {
+            Ok(compared) => evaluation.vehicles.push(compared),
+            Err(why) => evaluation.not_compared.push((vehicle.clone(), why)),
+        }
+    }
+    evaluation
+}
+
+fn evaluate_vehicle(
+    vehicle: &str,
+    track: &[TrackPosition],
+    reference: &[GnssPosition],
+    options: &EvaluateOptions,
+) -> Result<VehicleEvaluation, String> {
+    let curve = Curve::new(track.iter().map(|at| (at.time_s, at.position, None)));
+    let reference_curve = Curve::new(reference.iter().map(|at| (at.time_s, at.position, at.velocity_mps)));
+    let clock = clock_offset(&curve, &reference_curve, options.shift);
+    let offset_s = match (options.clock, &clock) {
+        (Clock::Given(offset_s), _) => offset_s,
+        (Clock::Estimated, ClockOffset::Estimated(found)) => found.offset_s,
+        (Clock::Estimated, ClockOffset::NotObservable { why }) => {
+            return Err(format!("the offset of its clock cannot be estimated: {why}"));
+        }
+    };
+    let track = compare(track, reference, &reference_curve, offset_s, options.association)?;
+    Ok(VehicleEvaluation { vehicle: vehicle.to_owned(), clock, track })
+}

@@ -1,0 +1,264 @@
+//! What `evaluate` prints for programs.
+
+use super::folder::PROGRAM;
+use super::json::SCHEMA;
+use crate::evaluate::clock::ClockOffset;
+use crate::evaluate::curve::GAP_STEPS;
+use crate::evaluate::statistics::Statistics;
+use crate::evaluate::track::{Association, LEAST_SPEED_MPS, SpeedSource, TrackComparison};
+use crate::evaluate::{Evaluation, VehicleEvaluation};
+use serde::Serialize;
+use std::path::Path;
+
+/// A comparison. Units stand in the names; else metres, seconds, metres a second. Differences are result minus
+/// reference. What is not known is `null`.
+#[derive(Clone, Debug, Serialize)]
+pub struct EvaluationReport {
+    /// Version of this form; fields may be added without a new one.
+    pub schema: u32,
+    /// Always `trackbundle`.
+    pub program: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The problem folder.
+    pub problem: String,
+    /// The result folder.
+    pub result: String,
+    /// How the tracks were aligned: `none`.
+    pub alignment: &'static str,
+    /// One for each vehicle that was compared.
+    pub vehicles: Vec<VehicleReport>,
+    /// The others.
+    pub not_compared: Vec<NotComparedReport>,
+    /// What is odd.
+    pub warnings: Vec<String>,
+}
+
+/// A vehicle that was not compared.
+#[derive(Clone, Debug, Serialize)]
+pub struct NotComparedReport {
+    /// Its id.
+    pub vehicle: String,
+    /// The reason.
+    pub why: String,
+}
+
+/// A vehicle that was compared.
+#[derive(Clone, Debug, Serialize)]
+pub struct VehicleReport {
+    /// Its id.
+    pub vehicle: String,
+    /// The offset that was applied: `t_reference = t_video + clock_offset_s`.
+    pub clock_offset_s: f64,
+    /// What the tracks say of it.
+    pub clock: ClockReport,
+    /// Its track.
+    pub track: TrackReport,
+}
+
+/// What tracks say of the clocks.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ClockReport {
+    /// Whether the offset can be estimated.
+    pub observable: bool,
+    /// Why not.
+    pub why: Option<String>,
+    /// The estimate.
+    pub offset_s: Option<f64>,
+    /// Its standard deviation.
+    pub sigma_s: Option<f64>,
+    /// Constant shift of x and y that was free beside it.
+    pub shift_m: Option<[f64; 2]>,
+    /// Frames, and middles between them, that it is from.
+    pub samples: usize,
+    /// Of these, what counted nothing.
+    pub rejected: usize,
+    /// How many independent ones they are worth.
+    pub independent: Option<f64>,
+    /// Robust standard deviation of what is left, per axis.
+    pub scale_m: Option<f64>,
+    /// Root mean square distance of what is left and counted.
+    pub rms_m: Option<f64>,
+    /// Whether the applied offset is so far off that it shows.
+    pub matters: bool,
+}
+
+/// A track against its reference.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrackReport {
+    /// `interpolated` (the reference, at the times of frames) or `nearest`.
+    pub association: &'static str,
+    /// Frames of the track.
+    pub frames: usize,
+    /// Positions of the reference.
+    pub reference_positions: usize,
+    /// Frames that were compared.
+    pub compared: usize,
+    /// Frames outside the time of the reference (`nearest`: its positions without a frame).
+    pub outside: usize,
+    /// Frames in its gaps.
+    pub in_gaps: usize,
+    /// The longest step of the reference that is no gap.
+    pub longest_step_s: f64,
+    /// Such a step in median steps.
+    pub gap_steps: f64,
+    /// Along x.
+    pub x: StatisticsReport,
+    /// Along y.
+    pub y: StatisticsReport,
+    /// Along z.
+    pub z: StatisticsReport,
+    /// Along the reference's motion, where it moves at `least_speed_mps` at least.
+    pub along: Option<StatisticsReport>,
+    /// To the left of it.
+    pub across: Option<StatisticsReport>,
+    /// Slower, the reference has no direction.
+    pub least_speed_mps: f64,
+    /// 90 % of horizontal distances are no larger.
+    pub ce90_m: f64,
+    /// 90 % of vertical distances are no larger.
+    pub le90_m: f64,
+    /// Of the horizontal speed.
+    pub speed: Option<StatisticsReport>,
+    /// Half the width of the histogram of its differences at half its maximum.
+    pub speed_half_width_mps: Option<f64>,
+    /// Width of a bin of this histogram.
+    pub speed_bin_mps: Option<f64>,
+    /// Where the speed of the reference is from: `measured`, `differences` or `mixed`.
+    pub speed_source: Option<&'static str>,
+    /// Median speed of the reference.
+    pub median_speed_mps: Option<f64>,
+    /// Median standard deviations of the result along x, y, z.
+    pub sigma_m: [Option<f64>; 3],
+    /// The same of the reference.
+    pub reference_sigma_m: [Option<f64>; 3],
+    /// Chi-square of x and y per degree of freedom, by the covariances of both.
+    pub chi_square_per_freedom: Option<f64>,
+    /// Frames that it is from.
+    pub chi_square_count: usize,
+}
+
+/// Differences in a few numbers.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct StatisticsReport {
+    /// How many there are.
+    pub count: usize,
+    /// Their median.
+    pub median: f64,
+    /// Median absolute deviation from it.
+    pub mad: f64,
+    /// 1.4826 times that.
+    pub mad_sigma: f64,
+    /// Their mean.
+    pub mean: f64,
+    /// Root mean square.
+    pub rms: f64,
+    /// 95 % are no larger.
+    pub abs_95: f64,
+}
+
+impl From<Statistics> for StatisticsReport {
+    fn from(found: Statistics) -> Self {
+        let Statistics { count, median, mad, mad_sigma, mean, rms, abs_95 } = found;
+        StatisticsReport { count, median, mad, mad_sigma, mean, rms, abs_95 }
+    }
+}
+
+/// The report of a comparison.
+pub fn evaluation_report(
+    problem: &Path,
+    result: &Path,
+    evaluation: &Evaluation,
+    warnings: Vec<String>,
+) -> EvaluationReport {
+    let not_compared = evaluation.not_compared.iter();
+    EvaluationReport {
+        schema: SCHEMA,
+        program: PROGRAM,
+        version: env!("CARGO_PKG_VERSION"),
+        problem: problem.display().to_string(),
+        result: result.display().to_string(),
+        alignment: "none",
+        vehicles: evaluation.vehicles.iter().map(vehicle_report).collect(),
+        not_compared: not_compared
+            .map(|(vehicle, why)| NotComparedReport { vehicle: vehicle.clone(), why: why.clone() })
+            .collect(),
+        warnings,
+    }
+}
+
+fn vehicle_report(found: &VehicleEvaluation) -> VehicleReport {
+    VehicleReport {
+        vehicle: found.vehicle.clone(),
+        clock_offset_s: found.track.clock_offset_s,
+        clock: ClockReport { matters: found.clock_matters().is_some(), ..clock_report(&found.clock) },
+        track: track_report(&found.track),
+    }
+}
+
+fn clock_report(clock: &ClockOffset) -> ClockReport {
+    match clock {
+        ClockOffset::NotObservable { why } => ClockReport { why: Some(why.clone()), ..Default::default() },
+        ClockOffset::Estimated(found) => ClockReport {
+            observable: true,
+            why: None,
+            offset_s: Some(found.offset_s),
+            sigma_s: Some(found.sigma_s),
+            shift_m: Some(found.shift_m),
+            samples: found.samples,
+            rejected: found.rejected,
+            independent: Some(found.independent),
+            scale_m: Some(found.scale_m),
+            rms_m: Some(found.rms_m),
+            matters: false,
+        },
+    }
+}
+
+fn track_report(found: &TrackComparison) -> TrackReport {
+    let [x, y, z] = found.axes_m.map(StatisticsReport::from);
+    let turned = |at: usize| found.along_across_m.map(|both| both[at].into());
+    TrackReport {
+        association: match found.association {
+            Association::Interpolated => "interpolated",
+            Association::Nearest => "nearest",
+        },
+        frames: found.positions[0],
+        reference_positions: found.positions[1],
+        compared: found.compared.len(),
+        outside: found.outside,
+        in_gaps: found.in_gaps,
+        longest_step_s: found.longest_step_s,
+        gap_steps: GAP_STEPS,
+        x,
+        y,
+        z,
+        along: turned(0),
+        across: turned(1),
+        least_speed_mps: LEAST_SPEED_MPS,
+        ce90_m: found.circular_linear_90_m[0],
+        le90_m: found.circular_linear_90_m[1],
+        speed: found.speed_mps.map(StatisticsReport::from),
+        speed_half_width_mps: found.speed_half_width_mps.map(|width| width.half_width),
+        speed_bin_mps: found.speed_half_width_mps.map(|width| width.bin),
+        speed_source: found.speed_source.map(|source| match source {
+            SpeedSource::Measured => "measured",
+            SpeedSource::Differences => "differences",
+            SpeedSource::Mixed => "mixed",
+        }),
+        median_speed_mps: found.median_speed_mps,
+        sigma_m: found.sigma_m,
+        reference_sigma_m: found.reference_sigma_m,
+        chi_square_per_freedom: found.chi_square.map(|(value, _)| value),
+        chi_square_count: found.chi_square.map_or(0, |(_, count)| count),
+    }
+}
+
+impl EvaluationReport {
+    /// Its text.
+    pub fn to_json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self).expect("plain data");
+        text.push('\n');
+        text
+    }
+}
