@@ -16,6 +16,7 @@ pub mod geometry;
 pub mod tables;
 
 pub mod camera;
+pub mod clock;
 pub mod nlls;
 pub mod terrain;
 

@@ -102,7 +102,22 @@ fn tracks_and_speeds_have_the_variances_of_dense_algebra() {
                     let gap = found.position_m[axis] / wanted[axis] - 1.0;
                     assert!(gap.abs() < 1e-5, "{vehicle} {frame} {axis}: {gap:e}");
                 }
-                let gap = found.speed_mps.unwrap() / of(&|t| t.speed_mps.unwrap()) - 1.0;
+                let own = &adjusted.estimate.vehicles[vehicle];
+                // What the path leaves open even where its poses are known.
+                let free = own.path(&problem, &problem.vehicles[vehicle]).map_or(0.0, |path| {
+                    let linear = path.linear_at(problem.frames[frame].time_s).unwrap();
+                    let marker =
+                        problem.vehicles[vehicle].marker.and_then(|m| own.points[m]).unwrap_or_default();
+                    let along = linear.state.velocity_of(&marker).xy().normalize().push(0.0);
+                    let in_body = linear.state.pose.rotation.inverse() * along;
+                    let mut by_state = DVector::zeros(12);
+                    by_state.rows_mut(6, 3).copy_from(&along);
+                    by_state.rows_mut(9, 3).copy_from(&marker.coords.cross(&in_body));
+                    (by_state.transpose() * linear.process * &by_state)[(0, 0)]
+                });
+                assert_eq!(free > 0.0, motion != MotionPriors::OFF);
+                let wanted = of(&|t| t.speed_mps.unwrap()).hypot(free.sqrt());
+                let gap = found.speed_mps.unwrap() / wanted - 1.0;
                 assert!(gap.abs() < 1e-5, "speed {vehicle} {frame}: {gap:e}");
             }
         }

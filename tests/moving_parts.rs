@@ -61,6 +61,64 @@ fn errors(problem: &Problem, truth: &Truth, adjusted: &Adjusted) -> Errors {
     }
 }
 
+/// What must be told of a result of the program.
+fn refined(folder: &std::path::Path) -> serde_json::Value {
+    let out = folder.join("result");
+    let run = support::program()
+        .args(["refine", "--quiet", "--json", "--no-rrd", "--out"])
+        .args([&out, &folder.join("problem")])
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap()
+}
+
+fn estimated<'r>(report: &'r serde_json::Value, name: &str) -> &'r serde_json::Value {
+    let all = report["estimated"].as_array().unwrap();
+    all.iter().find(|p| p["name"] == name).unwrap_or_else(|| panic!("no {name}: {all:?}"))
+}
+
+const SMALL: Flight = Flight {
+    frames: 90,
+    points: 60,
+    targets: 20,
+    image_px: 1.0,
+    speed_mps: 10.0,
+    height_m: 60.0,
+    pose_m: 0.3,
+    terrain_bias_m: 0.5,
+    terrain_m: 0.05,
+    roof_m: 0.1,
+    clock_s: 0.03,
+    readout_s: [0.03, 0.01],
+    gross: 0.05,
+    gnss: Some((5.0, 0.02)),
+};
+
+#[test]
+fn a_folder_with_gnss_and_a_rolling_shutter_is_refined() {
+    let place = tempfile::tempdir().unwrap();
+    let (problem, truth) = SMALL.draw(1);
+    support::moving::write(&problem, &place.path().join("problem"), "");
+    let report = refined(place.path());
+    for (name, wanted, most) in
+        [("readout_s", truth.readout_s, 0.01), ("clock_offset_s", truth.clock_s, 0.01)]
+    {
+        let found = estimated(&report, name);
+        let (value, sigma) = (found["value"].as_f64().unwrap(), found["sigma"].as_f64().unwrap());
+        assert!(sigma < most && (value - wanted).abs() < 3.3 * sigma, "{name}: {found} {wanted}");
+        assert_eq!(found["observable"], true, "{found}");
+        assert!(found["effect_m"].as_f64().unwrap() > 0.0);
+    }
+    // Without the positions the scale is held by roof and ground, a third as well.
+    let scale = &report["scales"][0];
+    let (with, without) = (&scale["sigma"], &scale["sigma_without"]["GNSS positions"]);
+    assert!(without.as_f64().unwrap() > 2.5 * with.as_f64().unwrap(), "{scale}");
+    println!("{:#}", report["verdict"]);
+    println!("{:#}", report["estimated"]);
+    println!("{:#}", report["directed_tests"]);
+}
+
 #[test]
 #[ignore = "a study"]
 fn explore() {

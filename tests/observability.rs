@@ -7,7 +7,7 @@ use trackbundle::camera::{Camera, Lens};
 use trackbundle::diagnose::observability::{
     Class, Observability, describe, observability, observability_within,
 };
-use trackbundle::estimate::{Estimate, VehicleEstimate};
+use trackbundle::estimate::{Estimate, Imaging, VehicleEstimate};
 use trackbundle::geometry::Pose;
 use trackbundle::geometry::rotation::exp;
 use trackbundle::problem::{
@@ -207,7 +207,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
     for frame in 0..frames {
         for target in 0..problem.targets.len() {
             let place = estimate.targets[target].unwrap();
-            let image_px = estimate.target_image_px(&problem, frame, &place).unwrap();
+            let image_px = Imaging::new(&problem, &estimate).target_px(frame, &place).unwrap();
             problem.target_observations.push(TargetObservation { frame, target, image_px, sigma_px: 1.0 });
         }
     }
@@ -215,7 +215,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
 }
 
 fn see(problem: &mut Problem, estimate: &Estimate, vehicle: usize, frame: usize, point: usize) {
-    let image_px = estimate.vehicle_image_px(problem, vehicle, frame, point).unwrap();
+    let image_px = Imaging::new(problem, estimate).vehicle_px(vehicle, frame, point).unwrap();
     problem.vehicles[vehicle].observations.push(VehicleObservation { frame, point, image_px, sigma_px: 1.0 });
 }
 

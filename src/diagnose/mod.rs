@@ -6,8 +6,8 @@
 mod check_points;
 mod distribution;
 mod inner;
-pub mod parameters;
 pub mod observability;
+pub mod parameters;
 mod precision;
 mod scale;
 mod statistics;
@@ -139,8 +139,7 @@ fn of_network(
         scale::scales(estimate, network, &mut covariance, (&functionals, &directions), variance);
     let check_points =
         check_points::check_points(problem, estimate, checks, network, &mut covariance, variance);
-    let parameters =
-        parameters::parameters(problem, estimate, network, &mut covariance, variance);
+    let parameters = parameters::parameters(problem, estimate, network, &mut covariance, variance);
     let markers: Vec<Option<usize>> = problem
         .vehicles
         .iter()

@@ -130,7 +130,9 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
             }
         }
     }
-    all.retain(|place| model.system.range_of(place.block).is_some() && model.system.free(place.block)[place.at]);
+    all.retain(|place| {
+        model.system.range_of(place.block).is_some() && model.system.free(place.block)[place.at]
+    });
     all
 }
 

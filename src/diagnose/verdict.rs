@@ -65,6 +65,7 @@ impl Verdict {
         verdict.add_precision(problem, diagnosis);
         verdict.add_images(adjustment, diagnosis);
         verdict.add_check_points(adjustment, diagnosis);
+        verdict.add_parameters(problem, adjustment, diagnosis);
         if diagnosis.is_upper_bound {
             let text = "standard deviations are upper bounds: vehicles were judged one by one".to_owned();
             verdict.facts.push(("sigmas", text));
@@ -257,6 +258,47 @@ impl Verdict {
         self.facts.push(("check", text));
     }
 
+    fn add_parameters(&mut self, problem: &Problem, adjustment: &Adjustment, diagnosis: &Diagnosis) {
+        for found in &diagnosis.parameters {
+            let name = found.full_name();
+            if !found.is_observable {
+                let kept = match found.sigma.is_infinite() {
+                    true => "the observations say nothing of it".to_owned(),
+                    false => format!("kept at {} +- {}", number(found.value), number(found.sigma)),
+                };
+                self.facts.push(("estimated", format!("{name}: not observable, {kept}")));
+                continue;
+            }
+            let mut text = format!("{name} {} +- {}", number(found.value), number(found.sigma));
+            if let Some(sigma) = found.sigma_before {
+                text += &format!(" (before {} +- {})", number(found.before), number(sigma));
+            }
+            text += &format!("; moves the track by {}", centimetres(found.effect_m));
+            for (other, r) in &found.correlated {
+                text += &format!("; correlated with {other}: {r:.3}");
+            }
+            self.facts.push(("estimated", text));
+        }
+        if problem.shutter.is_rolling() && problem.receivers.is_empty() {
+            let text = "offset to other clocks: not observable, no GNSS positions are observations";
+            self.facts.push(("clock", text.to_owned()));
+        }
+        for test in adjustment.directed_tests.iter().filter(|test| test.is_rejected()) {
+            let of = test.of.as_ref().map_or(String::new(), |of| format!(" of {of}"));
+            self.lower(
+                Trust::WithCare,
+                format!(
+                    "{}{of} is held at {}, and the observations say {} +- {}: {:.1} sigma",
+                    test.name,
+                    number(test.held_at),
+                    number(test.estimate),
+                    number(test.sigma),
+                    test.statistic().abs()
+                ),
+            );
+        }
+    }
+
     /// Line by line.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let mut lines = vec![(
@@ -279,6 +321,17 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     if percent < 1.0 { format!("{percent:.2} %") } else { format!("{percent:.0} %") }
+}
+
+/// Four digits, at least.
+fn number(value: f64) -> String {
+    let digits = match value.abs() {
+        v if v >= 100.0 => 2,
+        v if v >= 1.0 => 3,
+        v if v >= 1e-4 || v == 0.0 => 5,
+        _ => return format!("{value:.3e}"),
+    };
+    format!("{value:.digits$}")
 }
 
 fn centimetres(length_m: f64) -> String {

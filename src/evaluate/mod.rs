@@ -4,11 +4,11 @@
 //! what is left ([`track`], [`statistics`]). Nothing is aligned: a difference is result minus reference
 //! as they stand. `docs/evaluate.md` has the formulas.
 
-pub mod clock;
-pub mod curve;
 pub mod statistics;
 pub mod track;
 
+pub use crate::clock;
+pub use crate::clock::curve;
 use crate::files::TrackPosition;
 use crate::reference::GnssPosition;
 use clock::{ClockOffset, Shift, clock_offset};

@@ -1,5 +1,7 @@
 //! What many differences are like.
 
+pub use crate::clock::quantile::{median, quantile};
+
 /// By what a median absolute deviation is multiplied to be the standard deviation of a normal distribution.
 pub const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
 
@@ -39,20 +41,6 @@ impl Statistics {
             abs_95: quantile(values.iter().map(|v| v.abs()).collect(), 0.95)?,
         })
     }
-}
-
-/// The value below which this share of all lies, between two of them linearly (type 7 of Hyndman and Fan,
-/// *Sample quantiles in statistical packages*, 1996).
-pub fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
-    let place = values.len().checked_sub(1)? as f64 * share;
-    let (_, below, rest) = values.select_nth_unstable_by(place as usize, f64::total_cmp);
-    let above = rest.iter().copied().min_by(f64::total_cmp).unwrap_or(*below);
-    Some(if *below == above { above } else { *below + place.fract() * (above - *below) })
-}
-
-/// The middle value, or the mean of the two middle ones.
-pub fn median(values: Vec<f64>) -> Option<f64> {
-    quantile(values, 0.5)
 }
 
 /// How wide a histogram is.
@@ -95,26 +83,9 @@ pub fn half_width_at_half_maximum(values: &[f64]) -> Option<HalfWidth> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
-
-    /// Normal numbers, by Box and Muller, from a small generator of its own.
-    pub struct Normal(pub u64);
-
-    impl Normal {
-        pub fn uniform(&mut self) -> f64 {
-            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = self.0;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-        }
-
-        pub fn draw(&mut self) -> f64 {
-            let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-            radius * (std::f64::consts::TAU * self.uniform()).cos()
-        }
-    }
+    use crate::clock::tests::Normal;
 
     #[test]
     fn a_few_numbers_by_hand() {

@@ -1,7 +1,7 @@
 //! A track against GNSS positions: result minus reference, as they stand.
 
-use super::curve::{Curve, Place};
 use super::statistics::{HalfWidth, Statistics, half_width_at_half_maximum, median, quantile};
+use crate::clock::curve::{Curve, Place};
 use crate::files::TrackPosition;
 use crate::reference::GnssPosition;
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -255,8 +255,8 @@ fn chi_square(
 
 #[cfg(test)]
 mod tests {
-    use super::super::statistics::tests::Normal;
     use super::*;
+    use crate::clock::tests::Normal;
     use nalgebra::Point3;
 
     /// A receiver at 5 Hz that goes around a circle of 20 m at 8 m/s, its clock 1 s ahead.

@@ -430,10 +430,10 @@ id = "car2"
         assert_eq!(
             wrong,
             [
-                "problem.toml:13: column camera.readout_s: expected at most a second from the first to the last \
-                 row, found \"5\"",
                 "problem.toml:15: column camera.refine.k1: expected \"free\", \"fixed\" or a standard deviation \
-                 above 0, found \"\\\"loose\\\"\""
+                 above 0, found \"\\\"loose\\\"\"",
+                "problem.toml:13: column camera.readout_s: expected at most a second from the first to the last \
+                 row, found \"5\""
             ]
         );
         let pinhole = WHOLE

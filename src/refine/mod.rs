@@ -35,6 +35,7 @@ pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, Order, Strengths};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
+pub use receivers::{antenna, positions_at};
 
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
@@ -186,6 +187,9 @@ pub fn adjust(
             .collect();
         return Err(NoSolution(format!("no vehicle can be adjusted; {}", reasons.join("; "))));
     }
+    let mut start = start.clone();
+    receivers::start_clocks(problem, &mut start);
+    let start = &start;
     let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
     let chosen = options.loss.with_scale(scale, options.loss_shape);
     let excluded = match options.loss {
@@ -240,7 +244,7 @@ pub fn adjust(
         }
     }
     run.judge(chosen)?;
-    run.reselect_highest_points(chosen)?;
+    run.take_stock(chosen)?;
     let mut minimum = run.round("final", ENDED, BEFORE_REVERSAL);
     let now = run.model.estimate(problem, start, &run.values);
     let strengths = run.model.motion.strengths(&run.model.system);
@@ -489,12 +493,11 @@ impl Run<'_> {
         Ok(changes)
     }
 
-    /// The known height of a body belongs to its highest point, which may be another one by now.
-    fn reselect_highest_points(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
+    /// Makes the model anew from what is known now: which point of a body is its highest, how things move
+    /// while rows are read out, between which frames a GNSS position falls, how far vehicles are away.
+    fn take_stock(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
         let now = self.model.estimate(self.problem, self.start, &self.values);
-        if model::highest_points(self.problem, &now) != self.model.highest_points {
-            self.go_on_from(&now, image_loss)?;
-        }
+        self.go_on_from(&now, image_loss)?;
         Ok(())
     }
 

@@ -5,15 +5,39 @@
 
 use super::model::{Blocks, Purpose};
 use super::outcome::OUTLIER_SIGMAS;
+use crate::clock::curve::Curve;
+use crate::clock::{ClockOffset, Shift, clock_offset};
 use crate::estimate::{Estimate, ReceiverEstimate};
 use crate::nlls::loss::{Loss, LossName};
 use crate::nlls::manifold::write_pose;
 use crate::nlls::residual::Residual;
 use crate::nlls::system::{BlockId, GroupId, Measurement, SystemBuilder};
-use crate::problem::{Problem, Receiver};
+use crate::problem::{Problem, ReceivedPosition, Receiver};
 use crate::residuals::antenna_position::{AntennaPosition, LeverArm, RECEIVER, video_time_s};
 use crate::residuals::known_coordinate::KnownNumber;
 use nalgebra::{Point3, Vector3};
+
+/// Sets clocks of which nothing is known to where the positions lie on the track of an estimate: the cost of
+/// an offset has many minima, and the adjustment finds the next. Where the track does not tell they stay.
+pub fn start_clocks(problem: &Problem, estimate: &mut Estimate) {
+    for (at, receiver) in problem.receivers.iter().enumerate() {
+        let (None, Some(antenna)) =
+            (receiver.knowledge.clock_offset, antenna(receiver, &estimate.receivers[at], estimate))
+        else {
+            continue;
+        };
+        let poses = problem.frames.iter().zip(&estimate.vehicles[receiver.vehicle].poses);
+        let track =
+            Curve::new(poses.filter_map(|(frame, pose)| Some((frame.time_s, (*pose)? * antenna, None))));
+        let measured = Curve::new(receiver.positions.iter().map(|p| (p.time_s, p.position, None)));
+        let found = [Shift::Free, Shift::None].map(|shift| clock_offset(&track, &measured, shift));
+        let offset_s = found.iter().find_map(|found| match found {
+            ClockOffset::Estimated(found) => Some(found.offset_s),
+            ClockOffset::NotObservable { .. } => None,
+        });
+        estimate.receivers[at].clock_offset_s = offset_s.unwrap_or(0.0);
+    }
+}
 
 /// The blocks of a receiver.
 #[derive(Clone, Copy, Debug)]
@@ -101,6 +125,44 @@ fn frames_around(times: &[(usize, f64)], time_s: f64) -> Option<[usize; 3]> {
     Some([middle - 1, middle, middle + 1])
 }
 
+/// A position, its three frames, and its standard deviations \[m\].
+pub type PlacedPosition = (AntennaPosition, [usize; 3], [f64; 3]);
+
+/// Each position of a receiver as a measurement between three of these frames; `None` where it does not fall
+/// into their time.
+fn positions_in(
+    problem: &Problem,
+    frames: &[usize],
+    receiver: &Receiver,
+    found: &ReceiverEstimate,
+) -> Vec<Option<PlacedPosition>> {
+    let times: Vec<(usize, f64)> =
+        frames.iter().map(|frame| (*frame, problem.frames[*frame].time_s)).collect();
+    let middle_s = middle_s(problem);
+    let placed = |position: &ReceivedPosition| {
+        let t = video_time_s(position.time_s, middle_s, found.clock_offset_s, found.clock_drift);
+        let around = frames_around(&times, t)?;
+        let residual = AntennaPosition {
+            frames_s: around.map(|k| times[k].1),
+            time_s: position.time_s,
+            middle_s,
+            measured: position.position,
+        };
+        Some((residual, around.map(|k| times[k].0), position.sigma_m))
+    };
+    receiver.positions.iter().map(placed).collect()
+}
+
+/// The positions of a receiver that fall into the time of these frames.
+pub fn positions_at(
+    problem: &Problem,
+    frames: &[usize],
+    receiver: &Receiver,
+    found: &ReceiverEstimate,
+) -> Vec<PlacedPosition> {
+    positions_in(problem, frames, receiver, found).into_iter().flatten().collect()
+}
+
 /// Adds the positions that fall into the film, and what is known of receivers.
 pub fn add_receivers(
     builder: &mut SystemBuilder,
@@ -110,7 +172,6 @@ pub fn add_receivers(
     purpose: Purpose<'_>,
     warnings: &mut Vec<String>,
 ) -> ReceiverGroups {
-    let middle_s = middle_s(problem);
     let (mut positions, mut items) = (Vec::new(), Vec::new());
     let (mut numbers, mut arms, mut kept) = (Vec::new(), Vec::new(), Vec::new());
     for (at, (receiver, own)) in problem.receivers.iter().zip(&blocks.receivers).enumerate() {
@@ -120,26 +181,14 @@ pub fn add_receivers(
             continue;
         };
         let poses = &blocks.vehicles[receiver.vehicle].poses;
-        let times: Vec<(usize, f64)> = poses
-            .iter()
-            .enumerate()
-            .filter(|(_, pose)| pose.is_some())
-            .map(|(frame, _)| (frame, problem.frames[frame].time_s))
-            .collect();
         let found = &current.receivers[at];
         let (mut rejected, mut used) = (0, 0);
-        for (item, position) in receiver.positions.iter().enumerate() {
-            let t = video_time_s(position.time_s, middle_s, found.clock_offset_s, found.clock_drift);
-            let Some(around) = frames_around(&times, t) else { continue };
-            let residual = AntennaPosition {
-                frames_s: around.map(|k| times[k].1),
-                time_s: position.time_s,
-                middle_s,
-                measured: position.position,
-            };
-            let frames = around.map(|k| times[k].0);
+        let frames: Vec<usize> = (0..poses.len()).filter(|frame| poses[*frame].is_some()).collect();
+        let all = (0..receiver.positions.len()).zip(positions_in(problem, &frames, receiver, found));
+        for (item, position) in all {
+            let Some((residual, frames, sigma_m)) = position else { continue };
             if matches!(purpose, Purpose::Statistics { .. })
-                && is_gross(problem, current, at, &residual, frames, position.sigma_m)
+                && is_gross(problem, current, at, &residual, frames, sigma_m)
             {
                 rejected += 1;
                 continue;
@@ -147,7 +196,7 @@ pub fn add_receivers(
             used += 1;
             let [a, b, c] = frames.map(|frame| poses[frame].expect("a frame with a pose"));
             let seen = [a, b, c, own.antenna, own.receiver];
-            positions.push(Measurement { residual, blocks: seen, sigma: position.sigma_m });
+            positions.push(Measurement { residual, blocks: seen, sigma: sigma_m });
             items.push((at, item));
         }
         if rejected > 0 {

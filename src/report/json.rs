@@ -1,8 +1,9 @@
 //! `report.json`: what was solved and how well, for programs.
 
 use super::diagnosis::{
-    ObservabilityReport, ScaleReport, StatisticsReport, VerdictReport, observability_report, scale_reports,
-    statistics_report, verdict_report,
+    DirectedTestReport, ObservabilityReport, ParameterReport, ScaleReport, StatisticsReport, VerdictReport,
+    directed_test_reports, observability_report, parameter_reports, scale_reports, statistics_report,
+    verdict_report,
 };
 use super::folder::PROGRAM;
 use crate::diagnose::observability::Observability;

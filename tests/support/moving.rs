@@ -334,3 +334,87 @@ fn body(count: usize, rng: &mut ChaCha8Rng) -> (Vec<Point3<f64>>, Vec<Vector3<f6
     normals[0] = Vector3::z();
     (points, normals)
 }
+
+/// Writes a problem folder.
+pub fn write(problem: &Problem, folder: &std::path::Path, extra_toml: &str) {
+    use std::fmt::Write;
+    std::fs::create_dir_all(folder.join("observations")).unwrap();
+    let mut toml = String::new();
+    let camera = &problem.camera;
+    let sigma_s = match problem.shutter.freedom {
+        Freedom::Prior(sigma_s) => sigma_s,
+        _ => 0.0,
+    };
+    let ground = problem.ground.as_ref().unwrap();
+    let [roll, _, yaw] = problem.vehicle_pose_sigma.rotation_rad.map(|s| s.unwrap().to_degrees());
+    assert!((2.0 * roll - yaw).abs() < 1e-9);
+    let _ = write!(
+        toml,
+        "format = 1\nname = \"{}\"\n[camera]\nmodel = \"pinhole\"\nwidth = {}\nheight = {}\nfx = {}\nfy = {}\ncx = {}\ncy = {}\n\
+         readout_s = {}\nreadout_sigma_s = {sigma_s}\n[noise]\ncamera_position_m = {}\ncamera_rotation_deg = {}\n\
+         vehicle_position_m = {}\nvehicle_rotation_deg = {yaw}\n[terrain]\nplane_z = 0.0\nsigma_m = {}\ncorrelation_s = {}\n\
+         bias_sigma_m = {}\ntilt_sigma_deg = {}\n",
+        problem.name,
+        camera.size_px[0],
+        camera.size_px[1],
+        camera.focal_px.x,
+        camera.focal_px.y,
+        camera.principal_px.x,
+        camera.principal_px.y,
+        problem.shutter.readout_s,
+        problem.camera_pose_sigma.position_m.unwrap(),
+        problem.camera_pose_sigma.rotation_rad[0].unwrap().to_degrees(),
+        problem.vehicle_pose_sigma.position_m.unwrap(),
+        ground.sigma_m,
+        ground.correlation_s,
+        ground.bias_sigma_m,
+        ground.tilt_sigma_rad.to_degrees(),
+    );
+    let vehicle = &problem.vehicles[0];
+    let height = vehicle.height.unwrap();
+    let _ = write!(
+        toml,
+        "{extra_toml}[[vehicle]]\nid = \"{}\"\nmarker = \"{}\"\nheight_m = {}\nheight_sigma_m = {}\n",
+        vehicle.id, vehicle.points[0].id, height.value_m, height.sigma_m
+    );
+    let save = |name: &str, text: String| std::fs::write(folder.join(name), text).unwrap();
+    save("problem.toml", toml);
+    let row = |pose: &Pose| {
+        let p = pose.translation.vector;
+        let [w, x, y, z] = trackbundle::geometry::quaternion_wxyz(pose);
+        format!("{},{},{},{w},{x},{y},{z}", p.x, p.y, p.z)
+    };
+    let table = |header: &str, rows: Vec<String>| format!("{header}\n{}\n", rows.join("\n"));
+    let frames = problem.frames.iter().map(|f| format!("{},{}", f.number, f.time_s)).collect();
+    save("frames.csv", table("frame,time_s", frames));
+    let poses = problem.camera_poses.iter().enumerate();
+    let poses = poses.filter_map(|(k, pose)| Some(format!("{k},{}", row(pose.as_ref()?)))).collect();
+    save("camera_poses.csv", table("frame,x,y,z,qw,qx,qy,qz", poses));
+    let poses = vehicle.poses.iter().enumerate();
+    let poses = poses.filter_map(|(k, pose)| Some(format!("{k},car,{}", row(pose.as_ref()?)))).collect();
+    save("vehicle_poses.csv", table("frame,vehicle,x,y,z,qw,qx,qy,qz", poses));
+    let seen = vehicle
+        .observations
+        .iter()
+        .map(|o| format!("{},car,{},{},{}", o.frame, vehicle.points[o.point].id, o.image_px.x, o.image_px.y));
+    save("vehicle_observations.csv", table("frame,vehicle,point,u,v", seen.collect()));
+    let targets = problem.targets.iter().map(|t| {
+        let [x, y, z] = t.known.map(|known| known.unwrap());
+        format!("{},{},{},{},{s},{s},{s}", t.id, x.value_m, y.value_m, z.value_m, s = x.sigma_m)
+    });
+    save("targets.csv", table("target,x,y,z,sigma_x,sigma_y,sigma_z", targets.collect()));
+    let seen = problem.target_observations.iter();
+    let seen = seen
+        .map(|o| format!("{},{},{},{}", o.frame, problem.targets[o.target].id, o.image_px.x, o.image_px.y));
+    save("target_observations.csv", table("frame,target,u,v", seen.collect()));
+    if let Some(receiver) = problem.receivers.first() {
+        let rows = receiver.positions.iter().map(|p| {
+            let [x, y, z] = p.sigma_m;
+            let at = p.position;
+            let id = &vehicle.points[receiver.point].id;
+            format!("car,{id},{},{},{},{},{x},{y},{z}", p.time_s, at.x, at.y, at.z)
+        });
+        let header = "vehicle,point,time_s,x,y,z,sigma_x,sigma_y,sigma_z";
+        save("observations/gnss.csv", table(header, rows.collect()));
+    }
+}

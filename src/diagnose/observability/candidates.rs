@@ -15,7 +15,8 @@
 //! a loose camera     takes all vehicles along
 //! ```
 
-use super::rows::{Coordinates, Rows, Sighting};
+use super::names::number;
+use super::rows::{Coordinates, Owner, Rows, Sighting};
 use super::{Freedom, Kind, Part};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
@@ -72,6 +73,7 @@ pub fn candidates(problem: &Problem, estimate: &Estimate, all: &Coordinates, row
     for vehicle in 0..problem.vehicles.len() {
         scene.add_vehicle(vehicle, &mut found);
     }
+    scene.add_receivers(&mut found);
     found
 }
 
@@ -229,6 +231,19 @@ fn unit(axis: usize) -> Vector3<f64> {
 impl Scene<'_> {
     fn camera(&self, frame: usize) -> &Pose {
         &self.estimate.camera_poses[frame]
+    }
+
+    /// No image point sees a clock or a shift.
+    fn add_receivers(&self, found: &mut Candidates) {
+        for (receiver, start) in self.all.receivers.iter().enumerate() {
+            let free = (0..5).filter(|at| self.all.is_free[start + at]);
+            let of_receiver = free.map(|at| {
+                let mut motion = DVector::zeros(self.all.len());
+                motion[start + at] = 1.0;
+                Candidate { kind: number(Owner::Receiver(receiver), at), motion }
+            });
+            found.of_bodies.push(of_receiver.collect());
+        }
     }
 
     /// The vehicles that have a pose in a frame: index, pose, first coordinate.

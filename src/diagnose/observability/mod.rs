@@ -158,6 +158,20 @@ pub enum Kind {
         /// In these frames.
         frames: Vec<usize>,
     },
+    /// A number of the interior orientation.
+    Interior {
+        /// Which.
+        at: usize,
+    },
+    /// The readout time.
+    Readout,
+    /// A number of a receiver: clock offset, drift, shift along x, y, z.
+    Receiver {
+        /// The receiver.
+        receiver: usize,
+        /// Which.
+        at: usize,
+    },
     /// None of these.
     Other,
 }

@@ -14,6 +14,20 @@ const OF_MOST: f64 = 0.1;
 /// Share of position or attitude in the motion of cameras from which it is that alone.
 const OF_ONE_PART: f64 = 0.9;
 
+/// Numbers of a receiver.
+const RECEIVER_NAMES: [&str; 5] =
+    ["clock offset", "clock drift", "shift along x", "shift along y", "shift along z"];
+
+/// A number beside poses and points.
+pub fn number(owner: Owner, at: usize) -> Kind {
+    match owner {
+        Owner::Interior => Kind::Interior { at },
+        Owner::Readout => Kind::Readout,
+        Owner::Receiver(receiver) => Kind::Receiver { receiver, at },
+        _ => Kind::Other,
+    }
+}
+
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 fn along(freedom: Freedom, axis: usize) -> String {
@@ -42,6 +56,12 @@ pub fn name(problem: &Problem, kind: &Kind) -> String {
         Kind::CameraPose { frames: of, part } => camera(*part, &frames(problem, of)),
         Kind::VehiclePose { vehicle, frames: of } => {
             format!("pose of {} in {}", id(*vehicle), frames(problem, of))
+        }
+        Kind::Interior { at } => problem.camera.interior_names()[*at].to_owned(),
+        Kind::Readout => "readout time".to_owned(),
+        Kind::Receiver { receiver, at } => {
+            let of = problem.receivers[*receiver].name(&problem.vehicles);
+            format!("{} of {of}", RECEIVER_NAMES[*at])
         }
         Kind::Other => "a combination of many unknowns".to_owned(),
     }
@@ -73,6 +93,7 @@ pub fn held_by(problem: &Problem, kind: &Kind) -> Option<&'static str> {
             }
         }
         Kind::VehiclePose { .. } => Some("motion"),
+        Kind::Interior { .. } | Kind::Readout | Kind::Receiver { .. } => Some("a convention"),
         Kind::Other => None,
     }
 }
@@ -106,6 +127,7 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
     let mut cameras = vec![[0.0; 2]; of_frames];
     let mut poses = vec![vec![0.0; of_frames]; vehicles];
     let (mut points, mut most, mut heaviest_point) = (0.0, 0.0, Kind::Other);
+    let mut heaviest_number = (0.0, Kind::Other);
     for (owner, start, length) in &all.blocks {
         let square = |at: std::ops::Range<usize>| perturbation.rows(at.start, at.len()).norm_squared();
         let weight = square(*start..start + length);
@@ -126,6 +148,13 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
                 }
             }
             Owner::Bias => {}
+            Owner::Interior | Owner::Readout | Owner::Receiver(_) => {
+                if weight > heaviest_number.0 {
+                    let square = |at: usize| perturbation[start + at].powi(2);
+                    let at = (0..*length).max_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(0);
+                    heaviest_number = (weight, number(*owner, at));
+                }
+            }
         }
     }
     let most_moved = |weights: &[f64]| -> Vec<usize> {
@@ -137,6 +166,9 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
     let heaviest = (0..vehicles).max_by(|a, b| sum(&poses[*a]).total_cmp(&sum(&poses[*b])));
     let of_vehicle = heaviest.map_or(0.0, |vehicle| sum(&poses[vehicle]));
     let of_camera = sum(&of_cameras);
+    if heaviest_number.0 > points.max(of_camera).max(of_vehicle) {
+        return heaviest_number.1;
+    }
     if points > of_camera.max(of_vehicle) {
         return if most > OF_ONE_POINT * points { heaviest_point } else { Kind::Other };
     }

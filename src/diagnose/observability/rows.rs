@@ -1,14 +1,16 @@
 //! What measurements and real knowledge say of the unknowns: coordinates of all blocks and the whitened rows
 //! of the Jacobian, without anything that is only a start, a convention or a smoothness.
 
-use crate::estimate::Estimate;
+use crate::camera::INTERIOR;
+use crate::estimate::{Estimate, RowMotion};
 use crate::nlls::manifold::write_pose;
 use crate::nlls::residual::{Jacobian, Residual};
-use crate::problem::{Known, Problem, Role};
-use crate::refine::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, highest_points};
+use crate::problem::{Freedom, Known, Problem, Role};
+use crate::refine::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, antenna, highest_points, positions_at};
 use crate::residuals::ground_contact::{FirstContact, NextContact};
-use crate::residuals::known_coordinate::{KnownCoordinate, KnownZero};
+use crate::residuals::known_coordinate::{KnownCoordinate, KnownNumber, KnownZero};
 use crate::residuals::pose_prior::PosePrior;
+use crate::residuals::row_image_point::{AtRow, RowTargetImagePoint, RowVehicleImagePoint};
 use crate::residuals::target_image_point::TargetImagePoint;
 use crate::residuals::vehicle_image_point::VehicleImagePoint;
 use nalgebra::{DMatrix, Rotation3};
@@ -30,6 +32,12 @@ pub enum Owner {
     Target(usize),
     /// The bias of the terrain.
     Bias,
+    /// The interior orientation.
+    Interior,
+    /// The readout time.
+    Readout,
+    /// Clock, drift and shift of a receiver.
+    Receiver(usize),
 }
 
 /// All coordinates, those that are held too, and where they are.
@@ -50,6 +58,10 @@ pub struct Coordinates {
     /// First coordinate of each target.
     pub targets: Vec<Option<usize>>,
     bias: usize,
+    /// Interior orientation and readout time, where image points depend on them.
+    open_camera: Option<[usize; 2]>,
+    /// First coordinate of each receiver.
+    pub receivers: Vec<usize>,
 }
 
 impl Coordinates {
@@ -89,6 +101,19 @@ impl Coordinates {
         }
         let is_biased = problem.ground.as_ref().is_some_and(|ground| ground.bias_sigma_m > 0.0);
         all.bias = all.add(Owner::Bias, &[is_biased]);
+        if problem.has_open_camera() {
+            let interior =
+                all.add(Owner::Interior, &problem.calibration.map(|freedom| freedom.is_adjusted()));
+            let readout = all.add(Owner::Readout, &[problem.shutter.freedom.is_adjusted()]);
+            all.open_camera = Some([interior, readout]);
+        }
+        for (at, receiver) in problem.receivers.iter().enumerate() {
+            let known = &receiver.knowledge;
+            let shifts = known.shift_sigma_m > 0.0;
+            let free = [is_open(known.clock_offset), known.drift_sigma > 0.0, shifts, shifts, shifts];
+            let start = all.add(Owner::Receiver(at), &free);
+            all.receivers.push(start);
+        }
         all
     }
 
@@ -149,6 +174,8 @@ impl Rows {
         rows.add_known_poses(problem, estimate, all);
         rows.add_known_points(problem, estimate, all);
         rows.add_contacts(problem, estimate, all);
+        rows.add_camera_knowledge(problem, estimate, all);
+        rows.add_receivers(problem, estimate, all);
         rows.measured = rows.len();
         for coordinate in (0..all.len()).filter(|at| !all.is_free[*at]) {
             rows.entries.push((coordinate, 1.0 / EXACT));
@@ -219,6 +246,11 @@ impl Rows {
 
     fn add_images(&mut self, problem: &Problem, estimate: &Estimate, all: &Coordinates) {
         let camera = Arc::new(problem.camera.clone());
+        let (interior, readout) = (estimate.camera.interior(), [estimate.readout_s]);
+        let open = all.open_camera.map(|[a, b]| {
+            let blocks = [(a, interior.as_slice()), (b, readout.as_slice())];
+            (RowMotion::new(problem, estimate), blocks)
+        });
         let cameras: Vec<[f64; 7]> = estimate.camera_poses.iter().map(write_pose).collect();
         for (at, (vehicle, found)) in problem.vehicles.iter().zip(&estimate.vehicles).enumerate() {
             let mut sightings = Vec::new();
@@ -228,14 +260,21 @@ impl Rows {
                 let ((Some(pose_at), Some(point_at)), (Some(pose), Some(point))) = (blocks, values) else {
                     continue;
                 };
-                let residual = VehicleImagePoint { camera: camera.clone(), observed_px: seen.image_px };
                 let pose = write_pose(pose);
-                let blocks = [
+                let [c, v, p] = [
                     (all.cameras[seen.frame], cameras[seen.frame].as_slice()),
-                    (pose_at, &pose),
+                    (pose_at, pose.as_slice()),
                     (point_at, point.coords.as_slice()),
                 ];
-                let row = self.add(&residual, blocks, [Some(seen.sigma_px); 2]);
+                let (camera, observed_px, sigma) = (camera.clone(), seen.image_px, [Some(seen.sigma_px); 2]);
+                let row = match &open {
+                    None => self.add(&VehicleImagePoint { camera, observed_px }, [c, v, p], sigma),
+                    Some((motion, [interior, readout])) => {
+                        let twist = motion.vehicles[at][seen.frame];
+                        let residual = RowVehicleImagePoint(AtRow { camera, observed_px, twist });
+                        self.add(&residual, [c, v, p, *interior, *readout], sigma)
+                    }
+                };
                 sightings.extend(row.map(|row| Sighting { frame: seen.frame, point: seen.point, row }));
             }
             self.of_vehicles.push(sightings);
@@ -244,10 +283,17 @@ impl Rows {
             let (Some(at), Some(place)) = (all.targets[seen.target], estimate.targets[seen.target]) else {
                 continue;
             };
-            let residual = TargetImagePoint { camera: camera.clone(), observed_px: seen.image_px };
-            let blocks =
-                [(all.cameras[seen.frame], cameras[seen.frame].as_slice()), (at, place.coords.as_slice())];
-            let row = self.add(&residual, blocks, [Some(seen.sigma_px); 2]);
+            let c = (all.cameras[seen.frame], cameras[seen.frame].as_slice());
+            let target = (at, place.coords.as_slice());
+            let (camera, observed_px, sigma) = (camera.clone(), seen.image_px, [Some(seen.sigma_px); 2]);
+            let row = match &open {
+                None => self.add(&TargetImagePoint { camera, observed_px }, [c, target], sigma),
+                Some((motion, [interior, readout])) => {
+                    let twist = motion.world[seen.frame];
+                    let residual = RowTargetImagePoint(AtRow { camera, observed_px, twist });
+                    self.add(&residual, [c, target, *interior, *readout], sigma)
+                }
+            };
             self.of_targets.extend(row.map(|row| Sighting { frame: seen.frame, point: seen.target, row }));
         }
     }
@@ -291,6 +337,56 @@ impl Rows {
                 if let (Some(height), true) = (vehicle.height, highest[at] == Some(index)) {
                     add(start, place, 2, height.value_m, height.sigma_m.max(LEAST_HEIGHT_SIGMA_M));
                 }
+            }
+        }
+    }
+
+    fn add_camera_knowledge(&mut self, problem: &Problem, estimate: &Estimate, all: &Coordinates) {
+        let Some([interior, readout]) = all.open_camera else { return };
+        let value = estimate.camera.interior();
+        for (at, (freedom, known)) in problem.calibration.iter().zip(problem.camera.interior()).enumerate() {
+            if let Freedom::Prior(sigma) = freedom {
+                let residual = KnownNumber::<INTERIOR> { at, known };
+                self.add(&residual, [(interior, &value)], [Some(*sigma)]);
+            }
+        }
+        if let Freedom::Prior(sigma) = problem.shutter.freedom {
+            let residual = KnownNumber::<1> { at: 0, known: problem.shutter.readout_s };
+            self.add(&residual, [(readout, &[estimate.readout_s])], [Some(sigma)]);
+        }
+    }
+
+    fn add_receivers(&mut self, problem: &Problem, estimate: &Estimate, all: &Coordinates) {
+        for (at, (receiver, found)) in problem.receivers.iter().zip(&estimate.receivers).enumerate() {
+            let (known, start) = (&receiver.knowledge, all.receivers[at]);
+            let shift = found.shift_m;
+            let value = [found.clock_offset_s, found.clock_drift, shift.x, shift.y, shift.z];
+            let vehicle = receiver.vehicle;
+            let (Some(point_at), Some(antenna)) =
+                (all.points[vehicle][receiver.point], antenna(receiver, found, estimate))
+            else {
+                continue;
+            };
+            let placed = |frame: &usize| all.poses[vehicle][*frame].is_some();
+            let frames: Vec<usize> = (0..problem.frames.len()).filter(placed).collect();
+            for (residual, around, sigma_m) in positions_at(problem, &frames, receiver, found) {
+                let pose = |frame: usize| estimate.vehicles[vehicle].poses[frame].as_ref().map(write_pose);
+                let [Some(a), Some(b), Some(c)] = around.map(pose) else { continue };
+                let starts = around.map(|frame| all.poses[vehicle][frame].unwrap_or(0));
+                let blocks = [
+                    (starts[0], a.as_slice()),
+                    (starts[1], b.as_slice()),
+                    (starts[2], c.as_slice()),
+                    (point_at, antenna.coords.as_slice()),
+                    (start, value.as_slice()),
+                ];
+                self.add(&residual, blocks, sigma_m.map(Some));
+            }
+            let offset = known.clock_offset.map_or(0.0, |offset| offset.sigma_m);
+            let shift = known.shift_sigma_m;
+            for (at, sigma) in [offset, known.drift_sigma, shift, shift, shift].into_iter().enumerate() {
+                let residual = KnownNumber::<5> { at, known: value[at] };
+                self.add(&residual, [(start, &value)], [Some(sigma)]);
             }
         }
     }

@@ -8,17 +8,19 @@
 //!
 //! A free shift takes with it what a constant velocity says of the offset: only its changes count.
 
+pub mod curve;
 mod precision;
+pub mod quantile;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
-use super::curve::Curve;
-use super::statistics::median;
 use crate::nlls::loss::{Loss, LossName, robust_spread};
 use argmin::core::{CostFunction, Error, Executor};
 use argmin::solver::brent::BrentOpt;
+use curve::Curve;
 use nalgebra::Vector2;
 use precision::{Precision, precision};
+use quantile::median;
 
 /// Offsets are sought up to this, on either side \[s\].
 pub const FARTHEST_S: f64 = 10.0;

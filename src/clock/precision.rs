@@ -15,8 +15,8 @@
 //! tracks, one times the other, whose noises have nothing in common; each is the slope of a line fitted to
 //! the places nearby, gross errors left out.
 
+use super::curve::Curve;
 use super::{Sample, Shift};
-use crate::evaluate::curve::Curve;
 use crate::nlls::loss::Loss;
 use nalgebra::{Matrix2, Vector2};
 
