@@ -77,7 +77,7 @@ const MOST_DOUBLINGS: usize = 8;
 const LEAST_SHARE: f64 = 0.2;
 /// A step that promises less than this share of the cost and does not keep it is the last: the cost may
 /// jump by more, where the slope of a terrain grid does.
-const NO_GAIN: f64 = 2e-9;
+const NO_GAIN: f64 = 1e-7;
 /// Changes of the cost below this share of it are rounding.
 const ROUNDING: f64 = 1e-13;
 
