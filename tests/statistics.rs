@@ -12,6 +12,7 @@ use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::drawn::{Film, Truth, normal};
+use support::score::laid_on_truth;
 use trackbundle::diagnose::{Diagnosis, diagnose};
 use trackbundle::estimate::Estimate;
 use trackbundle::geometry::align::rigid_fit;
@@ -113,25 +114,6 @@ fn scale(estimate: &Estimate, truth: &Truth, function: &mut Function<'_>) -> f64
     found - 1.0
 }
 
-/// The points shifted in x and y and turned about z onto the true ones: the part of the frame that neither
-/// terrain nor a known height holds.
-fn laid_on_truth(estimate: &Estimate, truth: &Truth) -> Vec<Vector3<f64>> {
-    let points: Vec<_> = estimate.vehicles[0].points.iter().map(|p| p.unwrap()).collect();
-    let mean = |points: &[nalgebra::Point3<f64>]| {
-        points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64
-    };
-    let (from, to) = (mean(&points), mean(&truth.points));
-    let (mut dot, mut cross) = (0.0, 0.0);
-    for (p, q) in points.iter().zip(&truth.points) {
-        let (p, q) = ((p.coords - from).xy(), (q.coords - to).xy());
-        dot += p.dot(&q);
-        cross += p.perp(&q);
-    }
-    let turn = trackbundle::geometry::rotation::exp(&(Vector3::z() * cross.atan2(dot)));
-    let shift = Vector3::new(to.x, to.y, from.z);
-    points.iter().map(|p| turn * (p.coords - from) + shift).collect()
-}
-
 fn repetition(film: &Film, seed: u64) -> Repetition {
     let (problem, truth, adjusted, diagnosis) = adjusted(film, seed);
     let Adjusted { estimate, adjustment, network } = &adjusted;
@@ -166,7 +148,7 @@ fn repetition(film: &Film, seed: u64) -> Repetition {
     };
     let speed = (found[frame].speed_mps.unwrap() - true_speed) / sigmas.speed_mps.unwrap();
     let (point, axis) = (seed as usize * 5 % film.points, seed as usize % 3);
-    let laid = laid_on_truth(estimate, &truth)[point];
+    let laid = laid_on_truth(&estimate.vehicles[0].points, &truth.points)[point].unwrap();
     let point =
         (laid[axis] - truth.points[point][axis]) / diagnosis.precision.points[0][point].unwrap()[axis];
     let components = COMPONENTS.map(|source| {

@@ -211,7 +211,7 @@ impl Flight {
             let (now, eye) = (drive.pose(t), drone.pose(t).translation.vector);
             for (point, (place, normal)) in points.iter().zip(&normals).enumerate() {
                 let is_hidden = (now * normal).dot(&(eye - (now * place).coords)) <= 0.0;
-                if is_hidden || rng.random::<f64>() < 0.2 {
+                if is_hidden {
                     continue;
                 }
                 let Some(mut pixel) = seen(&|at| drive.pose(at) * place, t) else { continue };

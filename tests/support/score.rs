@@ -113,3 +113,25 @@ fn mad(values: Vec<f64>) -> f64 {
     let middle = median(values.clone());
     median(values.into_iter().map(|v| (v - middle).abs()).collect())
 }
+
+/// Points shifted in x and y and turned about z onto the true ones: the part of the frame that neither terrain
+/// nor a known height holds.
+pub fn laid_on_truth(
+    found: &[Option<nalgebra::Point3<f64>>],
+    truth: &[nalgebra::Point3<f64>],
+) -> Vec<Option<nalgebra::Vector3<f64>>> {
+    use nalgebra::Vector3;
+    let pairs = || found.iter().zip(truth).filter_map(|(p, q)| Some(((*p)?.coords, q.coords)));
+    let count = pairs().count() as f64;
+    let (from, to) =
+        pairs().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (p, q)| (a + p / count, b + q / count));
+    let (mut dot, mut cross) = (0.0, 0.0);
+    for (p, q) in pairs() {
+        let (p, q) = ((p - from).xy(), (q - to).xy());
+        dot += p.dot(&q);
+        cross += p.perp(&q);
+    }
+    let turn = trackbundle::geometry::rotation::exp(&(Vector3::z() * cross.atan2(dot)));
+    let shift = Vector3::new(to.x, to.y, from.z);
+    found.iter().map(|p| Some(turn * ((*p)?.coords - from) + shift)).collect()
+}
