@@ -3,14 +3,14 @@
 use super::Failure;
 use super::options::{Opened, OutputOptions, default_result_folder, motion_prior, positive, shape};
 use super::output::{counted, describe_resection, grouped, print, progress};
-use crate::diagnose::{Diagnosis, Verdict, diagnose};
+use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
 use crate::problem::Problem;
 use crate::refine::{
     Adjusted, Adjustment, Arrangement, MotionPrior, MotionPriors, Reason, RefineOptions, adjust,
 };
-use crate::report::{Report, left_out, report_of_adjustment, resection_report, result_tables};
+use crate::report::{Report, left_out, report_of_adjustment, resection_report, result_tables, states_table};
 use crate::scene::scene;
 use clap::Args;
 use std::path::PathBuf;
@@ -59,6 +59,11 @@ pub struct Arguments {
     #[arg(long, value_name = "HOW", default_value_t = Arrangement::Cheapest)]
     elimination: Arrangement,
 
+    /// Also write states.csv: position, velocity, acceleration, heading and yaw rate of each vehicle so many
+    /// times a second, whatever the frames are
+    #[arg(long, value_name = "HZ", value_parser = positive)]
+    states: Option<f64>,
+
     #[command(flatten)]
     output: OutputOptions,
 }
@@ -90,7 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut adjusted = adjust(&problem, &initial.estimate, &options, sink)?;
     let refine_s = begin.elapsed().as_secs_f64();
     let begin = Instant::now();
-    let diagnosis = diagnosed(&problem, &mut adjusted);
+    let diagnosis = diagnosed(&problem, &mut adjusted, arguments.states);
     let diagnose_s = begin.elapsed().as_secs_f64();
     let Adjusted { estimate, adjustment, .. } = &adjusted;
     output.warn(&adjustment.warnings);
@@ -110,8 +115,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.seconds.insert("refine", refine_s);
     report.seconds.insert("diagnose", diagnose_s);
 
-    let tables =
-        result_tables(&problem, estimate, &adjustment.fits, diagnosis.as_ref().map(|d| &d.precision));
+    let precision = diagnosis.as_ref().map(|d| &d.precision);
+    let mut tables = result_tables(&problem, estimate, &adjustment.fits, precision);
+    tables.extend(arguments.states.map(|rate_hz| states_table(&problem, estimate, precision, rate_hz)));
     let records: Vec<_> = adjustment.rounds.iter().flat_map(|round| round.records.iter().copied()).collect();
     let draw = |report: &Report| {
         let summary =
@@ -128,9 +134,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The diagnosis, or why there is none.
-fn diagnosed(problem: &Problem, adjusted: &mut Adjusted) -> Result<Diagnosis, String> {
+fn diagnosed(
+    problem: &Problem,
+    adjusted: &mut Adjusted,
+    states_hz: Option<f64>,
+) -> Result<Diagnosis, String> {
     let without = |why: String| format!("no standard deviations: {why}");
-    match diagnose(problem, adjusted) {
+    match diagnose_with_states(problem, adjusted, states_hz) {
         Some(Ok(diagnosis)) => Ok(diagnosis),
         Some(Err(error)) => Err(without(error.to_string())),
         None => Err(without("there is no final least squares".to_owned())),

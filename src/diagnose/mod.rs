@@ -15,7 +15,7 @@ mod verdict;
 
 pub use check_points::CheckPrecision;
 pub use parameters::Parameter;
-pub use precision::{PosePrecision, Precision, TrackPrecision};
+pub use precision::{PosePrecision, Precision, StatePrecision, TrackPrecision};
 pub use scale::{CommonError, Scale};
 pub use statistics::{Component, Reliability, Statistics, VarianceTest};
 pub use verdict::{Trust, Verdict};
@@ -54,12 +54,21 @@ pub struct Diagnosis {
 
 /// Diagnoses a result; `None` where it has no final least squares.
 pub fn diagnose(problem: &Problem, adjusted: &mut Adjusted) -> Option<Result<Diagnosis, NoCovariance>> {
+    diagnose_with_states(problem, adjusted, None)
+}
+
+/// [`diagnose`], with the standard deviations of paths so many times a second.
+pub fn diagnose_with_states(
+    problem: &Problem,
+    adjusted: &mut Adjusted,
+    states_hz: Option<f64>,
+) -> Option<Result<Diagnosis, NoCovariance>> {
     // Without redundancy the standard deviations stated are all that is known.
     let variance = adjusted.adjustment.sigma0.map_or(1.0, |sigma0| sigma0 * sigma0);
     let Adjusted { estimate, adjustment, network } = adjusted;
     let checks = &adjustment.check_points;
-    let mut found = match of_network(problem, estimate, network.as_mut()?, checks, variance) {
-        Err(NoCovariance::NotSelected) => vehicle_by_vehicle(problem, adjusted, variance),
+    let mut found = match of_network(problem, estimate, network.as_mut()?, checks, variance, states_hz) {
+        Err(NoCovariance::NotSelected) => vehicle_by_vehicle(problem, adjusted, variance, states_hz),
         found => found,
     };
     let vehicles = problem.vehicles.iter().map(|vehicle| vehicle.observations.len());
@@ -79,13 +88,14 @@ fn vehicle_by_vehicle(
     problem: &Problem,
     adjusted: &Adjusted,
     variance: f64,
+    states_hz: Option<f64>,
 ) -> Result<Diagnosis, NoCovariance> {
     let mut all: Option<Diagnosis> = None;
     for vehicle in 0..problem.vehicles.len() {
         let Some((own, estimate, mut network)) = alone(problem, adjusted, vehicle) else { continue };
         // Once is enough.
         let checks = if all.is_none() { adjusted.adjustment.check_points.as_slice() } else { &[] };
-        let mut found = of_network(&own, &estimate, &mut network, checks, variance)?;
+        let mut found = of_network(&own, &estimate, &mut network, checks, variance, states_hz)?;
         found.scales.iter_mut().for_each(|scale| scale.vehicle = vehicle);
         match &mut all {
             None => all = Some(found),
@@ -129,6 +139,7 @@ fn of_network(
     network: &mut Network,
     checks: &[CheckPoint],
     variance: f64,
+    states_hz: Option<f64>,
 ) -> Result<Diagnosis, NoCovariance> {
     let mut covariance = Covariance::new(&network.model.system, &network.values)?;
     let functionals = scale::functionals(estimate, network);
@@ -152,7 +163,7 @@ fn of_network(
             inner.set_undetermined_scale(vehicle, &direction.step, direction.variance);
         }
     }
-    let precision = precision::precision(problem, estimate, &inner);
+    let precision = precision::precision(problem, estimate, &inner, states_hz);
     // Its memory is wanted below.
     drop(inner);
     let frames = network

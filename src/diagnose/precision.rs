@@ -5,7 +5,7 @@ use crate::estimate::{Estimate, TrackPoint};
 use crate::geometry::{Pose, skew};
 use crate::nlls::system::BlockId;
 use crate::problem::{PoseSigma, Problem};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{Linear, Trajectory};
 use nalgebra::{DVector, Point3, SVector, Vector3};
 use rayon::prelude::*;
 
@@ -32,6 +32,23 @@ pub struct TrackPrecision {
     pub heading_rad: f64,
 }
 
+/// Standard deviations of a place of a path at some time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StatePrecision {
+    /// The time \[s\].
+    pub time_s: f64,
+    /// Of the marker, x, y, z \[m\].
+    pub position_m: [f64; 3],
+    /// Of its velocity \[m/s\].
+    pub velocity_mps: [f64; 3],
+    /// Of its horizontal speed \[m/s\].
+    pub speed_mps: f64,
+    /// Of the heading \[rad\].
+    pub heading_rad: f64,
+    /// Of the yaw rate \[rad/s\].
+    pub yaw_rate_rps: f64,
+}
+
 /// Standard deviations, a posteriori; infinite where a quantity is not determined, `None` where it has none.
 #[derive(Clone, Debug, Default)]
 pub struct Precision {
@@ -45,12 +62,14 @@ pub struct Precision {
     pub targets: Vec<Option<[f64; 3]>>,
     /// Of each vehicle's track, in the order of [`crate::estimate::VehicleEstimate::track`].
     pub tracks: Vec<Vec<Option<TrackPrecision>>>,
+    /// Of each vehicle's path, at the times that were asked for.
+    pub states: Vec<Vec<StatePrecision>>,
 }
 
 impl Precision {
     /// Adds the vehicles of another, and takes the lesser standard deviations of cameras and targets.
     pub(super) fn join(&mut self, other: Precision) {
-        let Precision { cameras, vehicles, points, targets, tracks } = other;
+        let Precision { cameras, vehicles, points, targets, tracks, states } = other;
         let square = |sigmas: &[f64; 3]| sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>();
         for (own, other) in self.cameras.iter_mut().zip(cameras) {
             if let (Some(a), Some(b)) = (&own, &other)
@@ -69,11 +88,17 @@ impl Precision {
         self.vehicles.extend(vehicles);
         self.points.extend(points);
         self.tracks.extend(tracks);
+        self.states.extend(states);
     }
 }
 
-/// Standard deviations of an estimate.
-pub fn precision(problem: &Problem, estimate: &Estimate, inner: &Inner<'_>) -> Precision {
+/// Standard deviations of an estimate; of paths so many times a second, if wanted.
+pub fn precision(
+    problem: &Problem,
+    estimate: &Estimate,
+    inner: &Inner<'_>,
+    states_hz: Option<f64>,
+) -> Precision {
     let model = &inner.network.model;
     let cameras = (0..problem.frames.len()).map(|frame| {
         let block = model.camera(frame);
@@ -110,15 +135,20 @@ pub fn precision(problem: &Problem, estimate: &Estimate, inner: &Inner<'_>) -> P
             }
         });
         out.points.push(points.collect());
-        let mut tracks = Vec::new();
+        let (mut tracks, mut states) = (Vec::new(), Vec::new());
         if found.left_out.is_none() {
             let track = found.track(problem, vehicle);
             let marker = vehicle.marker.and_then(|m| Some((model.shape_point(at, m)?, found.points[m]?)));
             let path = found.path(problem, vehicle);
             let track = Track { problem, estimate, inner, vehicle: at, marker, track: &track, path };
             tracks = (0..track.track.len()).into_par_iter().map(|place| track.precision(place)).collect();
+            if let (Some(rate_hz), Some(path)) = (states_hz, &track.path) {
+                let times = path.times_at(rate_hz);
+                states = times.into_par_iter().filter_map(|time_s| track.state(path, time_s)).collect();
+            }
         }
         out.tracks.push(tracks);
+        out.states.push(states);
     }
     out
 }
@@ -207,31 +237,31 @@ impl Track<'_> {
     }
 
     fn speed_of_path(&self, path: &Trajectory, place: usize) -> Option<f64> {
-        let linear = path.linear_at(self.problem.frames[self.track[place].frame].time_s)?;
+        let moment = self.moment(path, self.problem.frames[self.track[place].frame].time_s)?;
+        Some(moment.sigma(&moment.of_speed()))
+    }
+
+    /// The path at any time, and what of its covariance is wanted.
+    fn moment(&self, path: &Trajectory, time_s: f64) -> Option<Moment> {
+        let linear = path.linear_at(time_s)?;
+        let pieces = linear.knots.clone().map(|knot| Some(self.pose(knot)?.0)).collect::<Option<_>>()?;
+        let terms = Terms::new(self, pieces)?;
         let marker = self.marker.map_or(Point3::origin(), |(_, place)| place);
-        let state = &linear.state;
-        let direction = direction(state.velocity_of(&marker).xy());
-        let along = Vector3::new(direction.x, direction.y, 0.0);
-        let in_body = state.pose.rotation.inverse() * along;
-        // v + R (w x m), of which d(R) = R [dr]x, in body axes but for v.
-        let swing = state.angular_velocity_rps.cross(&marker.coords);
-        let mut by_state = SVector::<f64, 12>::zeros();
-        by_state.fixed_rows_mut::<3>(3).copy_from(&swing.cross(&in_body));
-        by_state.fixed_rows_mut::<3>(6).copy_from(&along);
-        by_state.fixed_rows_mut::<3>(9).copy_from(&marker.coords.cross(&in_body));
-        let by_marker = in_body.cross(&state.angular_velocity_rps);
-        let (mut pieces, mut by_pose) = (Vec::new(), Vec::new());
-        for (knot, block) in linear.knots.clone().zip(&linear.blocks) {
-            let (piece, _) = self.pose(knot)?;
-            let gradient = block.transpose() * by_state;
-            let (shift, turn) = (gradient.fixed_rows::<3>(0).into(), gradient.fixed_rows::<3>(3).into());
-            pieces.push(piece);
-            by_pose.push(Some((shift, turn)));
-        }
-        let joint = Terms::new(self, pieces)?;
-        let of_poses = joint.variance(&joint.gradient(&by_pose, by_marker));
-        let between = (by_state.transpose() * linear.process * by_state)[(0, 0)];
-        Some((of_poses + between).sqrt())
+        Some(Moment { linear, terms, marker })
+    }
+
+    /// The state at a time.
+    fn state(&self, path: &Trajectory, time_s: f64) -> Option<StatePrecision> {
+        let moment = self.moment(path, time_s)?;
+        let axis = |axis: usize| Vector3::ith(axis, 1.0);
+        Some(StatePrecision {
+            time_s,
+            position_m: [0, 1, 2].map(|k| moment.sigma(&moment.of_position(&axis(k)))),
+            velocity_mps: [0, 1, 2].map(|k| moment.sigma(&moment.of_velocity(&axis(k)))),
+            speed_mps: moment.sigma(&moment.of_speed()),
+            heading_rad: moment.sigma(&moment.of_heading()),
+            yaw_rate_rps: moment.sigma(&moment.of_yaw_rate()),
+        })
     }
 
     fn speed_of_differences(&self, place: usize) -> Option<f64> {
@@ -258,6 +288,77 @@ impl Track<'_> {
 /// At rest a speed has no derivative: any direction will do.
 fn direction(moved: nalgebra::Vector2<f64>) -> nalgebra::Vector2<f64> {
     if moved.norm() > 1e-9 { moved.normalize() } else { nalgebra::Vector2::x() }
+}
+
+/// A path at a time.
+struct Moment {
+    linear: Linear,
+    terms: Terms,
+    marker: Point3<f64>,
+}
+
+/// A function of a state: its gradient by the twelve numbers of the state, and by the marker.
+type Function = (SVector<f64, 12>, Vector3<f64>);
+
+impl Moment {
+    fn function(parts: [(usize, Vector3<f64>); 3], by_marker: Vector3<f64>) -> Function {
+        let mut by_state = SVector::<f64, 12>::zeros();
+        for (row, part) in parts {
+            let mut rows = by_state.fixed_rows_mut::<3>(row);
+            rows += part;
+        }
+        (by_state, by_marker)
+    }
+
+    fn in_body(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        self.linear.state.pose.rotation.inverse() * direction
+    }
+
+    /// Of `p + R m` along a direction of the world, of which `d(R) = R [dr]x`.
+    fn of_position(&self, along: &Vector3<f64>) -> Function {
+        let in_body = self.in_body(along);
+        let turned = self.marker.coords.cross(&in_body);
+        Moment::function([(0, *along), (3, turned), (6, Vector3::zeros())], in_body)
+    }
+
+    /// Of `v + R (w x m)`.
+    fn of_velocity(&self, along: &Vector3<f64>) -> Function {
+        let (in_body, w) = (self.in_body(along), self.linear.state.angular_velocity_rps);
+        let turned = w.cross(&self.marker.coords).cross(&in_body);
+        let swung = self.marker.coords.cross(&in_body);
+        Moment::function([(3, turned), (6, *along), (9, swung)], in_body.cross(&w))
+    }
+
+    fn of_speed(&self) -> Function {
+        let direction = direction(self.linear.state.velocity_of(&self.marker).xy());
+        self.of_velocity(&Vector3::new(direction.x, direction.y, 0.0))
+    }
+
+    /// Of the direction of `R ex` in the plan.
+    fn of_heading(&self) -> Function {
+        let ahead = self.linear.state.pose.rotation * Vector3::x();
+        let across = Vector3::new(-ahead.y, ahead.x, 0.0) / ahead.xy().norm_squared();
+        let turned = Vector3::x().cross(&self.in_body(&across));
+        Moment::function([(3, turned), (0, Vector3::zeros()), (6, Vector3::zeros())], Vector3::zeros())
+    }
+
+    /// Of `ez . R w`: that of a vehicle that stands nearly level.
+    fn of_yaw_rate(&self) -> Function {
+        let up = self.in_body(&Vector3::z());
+        let turned = self.linear.state.angular_velocity_rps.cross(&up);
+        Moment::function([(3, turned), (9, up), (0, Vector3::zeros())], Vector3::zeros())
+    }
+
+    fn sigma(&self, (by_state, by_marker): &Function) -> f64 {
+        let of_pose = |block: &crate::trajectory::StateBlock| {
+            let gradient = block.transpose() * by_state;
+            Some((gradient.fixed_rows::<3>(0).into(), gradient.fixed_rows::<3>(3).into()))
+        };
+        let by_pose: Vec<_> = self.linear.blocks.iter().map(of_pose).collect();
+        let of_poses = self.terms.variance(&self.terms.gradient(&by_pose, *by_marker));
+        let between = (by_state.transpose() * self.linear.process * by_state)[(0, 0)];
+        (of_poses + between).sqrt()
+    }
 }
 
 /// Some poses and the marker, and where each is among the free numbers; those that are held have no

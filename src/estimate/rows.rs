@@ -3,12 +3,17 @@
 use super::Estimate;
 use crate::geometry::{Pose, se3};
 use crate::problem::Problem;
-use nalgebra::{Point3, Vector2, Vector3, Vector6};
+use nalgebra::{DMatrix, Point3, Vector2, Vector3, Vector6};
 
-/// Motion is taken from frames this far before and after, or the nearest beyond \[s\].
+/// Motion is taken from frames this far before and after \[s\] ...
 const HALF_SPAN_S: f64 = 0.1;
-/// ... unless they are as far as this: then nobody saw how it moved in between.
-const MOST_SPAN_S: f64 = 1.5;
+/// ... and from so many at least, on either side ...
+const LEAST_FRAMES: usize = 2;
+/// ... unless they are farther away than this: then nobody saw how it moved in between \[s\].
+const FARTHEST_S: f64 = 0.75;
+/// Of what degree the polynomial is whose slope is taken: that of a straight line would be short of swaying
+/// motion by a hundredth.
+const DEGREE: usize = 3;
 
 /// How cameras see the static world and vehicles move, frame by frame: twists `[v; w]` in the camera frame,
 /// `dX/dt = w x X + v` \[m/s, rad/s\].
@@ -39,30 +44,38 @@ impl RowMotion {
     }
 }
 
-/// The twist of a body at each moment, from its poses before and after.
+/// The twist of a body at each moment, from its poses around it: the slope of the polynomial of least squares
+/// through `log(X_k X^-1)` (Savitzky and Golay 1964, for irregular times).
 fn twists(times: &[f64], camera_from_body: &[Option<Pose>]) -> Vec<Vector6<f64>> {
-    let known: Vec<usize> = (0..times.len()).filter(|at| camera_from_body[*at].is_some()).collect();
-    let mut all = vec![Vector6::zeros(); times.len()];
-    for (place, &at) in known.iter().enumerate() {
-        let time_s = times[at];
-        let mut before = place;
-        while before > 0 && time_s - times[known[before]] < HALF_SPAN_S - 1e-6 {
-            before -= 1;
-        }
-        let mut after = place;
-        while after + 1 < known.len() && times[known[after]] - time_s < HALF_SPAN_S - 1e-6 {
-            after += 1;
-        }
-        let (first, last) = (known[before], known[after]);
-        let span_s = times[last] - times[first];
-        if let (Some(from), Some(to)) = (&camera_from_body[first], &camera_from_body[last])
-            && first < last
-            && span_s < MOST_SPAN_S
-        {
-            all[at] = se3::log(&(to * from.inverse())) / span_s;
-        }
+    let known: Vec<(f64, Pose)> =
+        times.iter().zip(camera_from_body).filter_map(|(time_s, pose)| Some((*time_s, (*pose)?))).collect();
+    let mut of_known = (0..known.len()).map(|at| twist_at(&known, at));
+    let twist = |pose: &Option<Pose>| pose.and_then(|_| of_known.next()).unwrap_or_else(Vector6::zeros);
+    camera_from_body.iter().map(twist).collect()
+}
+
+fn twist_at(known: &[(f64, Pose)], at: usize) -> Vector6<f64> {
+    let (time_s, pose) = &known[at];
+    let is_around = |k: &usize| {
+        let away_s = (known[*k].0 - time_s).abs();
+        away_s < HALF_SPAN_S + 1e-6 || (k.abs_diff(at) <= LEAST_FRAMES && away_s < FARTHEST_S)
+    };
+    let first = (0..at).rev().take_while(is_around).last().unwrap_or(at);
+    let last = (at..known.len()).take_while(is_around).last().unwrap_or(at);
+    let count = last - first + 1;
+    let degree = DEGREE.min(count - 1);
+    if degree == 0 {
+        return Vector6::zeros();
     }
-    all
+    // In units of the span, so that powers stay well conditioned.
+    let unit_s = (known[last].0 - known[first].0).max(f64::MIN_POSITIVE);
+    let powers = DMatrix::from_fn(count, degree + 1, |row, power| {
+        ((known[first + row].0 - time_s) / unit_s).powi(power as i32)
+    });
+    let Some(inverse) = (powers.tr_mul(&powers)).try_inverse() else { return Vector6::zeros() };
+    let slope = (inverse * powers.transpose()).row(1) / unit_s;
+    let inverse = pose.inverse();
+    (first..=last).zip(slope.iter()).map(|(k, weight)| se3::log(&(known[k].1 * inverse)) * *weight).sum()
 }
 
 /// How an estimate is seen.
@@ -130,5 +143,19 @@ mod tests {
             assert!((found - wanted).norm() < 1e-9, "{at}: {found}");
         }
         assert_eq!(twists(&[0.0], &[Some(start)]), [Vector6::zeros()]);
+    }
+
+    #[test]
+    fn a_swaying_motion_is_not_underrated() {
+        let times: Vec<f64> = (0..60).map(|k| f64::from(k) / 30.0).collect();
+        let sway = |t: f64| (std::f64::consts::TAU * t / 2.5).sin() * 0.01;
+        let poses: Vec<Option<Pose>> =
+            times.iter().map(|t| Some(se3::exp(&(Vector6::y() * sway(*t))))).collect();
+        let found = twists(&times, &poses);
+        let most = std::f64::consts::TAU / 2.5 * 0.01;
+        for (at, t) in times.iter().enumerate().filter(|(at, _)| (3..57).contains(at)) {
+            let wanted = (std::f64::consts::TAU * t / 2.5).cos() * most;
+            assert!((found[at].y - wanted).abs() < 1e-3 * most, "{at}");
+        }
     }
 }

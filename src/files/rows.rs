@@ -152,6 +152,18 @@ result_row!(
 );
 
 result_row!(
+    /// `states.csv`: the marker, or the origin, at any time. The acceleration is that of the mean path.
+    StateResult {
+        vehicle: String, time_s: f64,
+        x: f64, y: f64, z: f64, vx: f64, vy: f64, vz: f64, ax: f64, ay: f64, az: f64,
+        speed_mps: f64, heading_deg: f64, yaw_rate_degps: f64,
+        sigma_x: Option<f64>, sigma_y: Option<f64>, sigma_z: Option<f64>,
+        sigma_vx: Option<f64>, sigma_vy: Option<f64>, sigma_vz: Option<f64>,
+        sigma_speed_mps: Option<f64>, sigma_heading_deg: Option<f64>, sigma_yaw_rate_degps: Option<f64>,
+    }
+);
+
+result_row!(
     /// `residuals.csv`: observed minus computed; weight 1 counts in full, 0 not at all.
     ResidualResult {
         frame: i64, kind: &'static str, vehicle: String, point: String,

@@ -1,7 +1,7 @@
 //! Image points as measurements, plain or of a camera of which something is open.
 
 use super::model::{Blocks, Purpose};
-use crate::estimate::{Estimate, RowMotion};
+use crate::estimate::{Estimate, Imaging, RowMotion};
 use crate::nlls::loss::Loss;
 use crate::nlls::system::{BlockId, GroupId, Measurement, SystemBuilder};
 use crate::problem::{Freedom, Problem};
@@ -9,6 +9,7 @@ use crate::residuals::known_coordinate::KnownNumber;
 use crate::residuals::row_image_point::{AtRow, RowTargetImagePoint, RowVehicleImagePoint};
 use crate::residuals::target_image_point::TargetImagePoint;
 use crate::residuals::vehicle_image_point::VehicleImagePoint;
+use nalgebra::Vector2;
 use std::sync::Arc;
 
 /// Groups of image points and which observations are in them.
@@ -109,18 +110,25 @@ fn add_at_rows(
 ) -> [GroupId; 2] {
     let camera = Arc::new(problem.camera.clone());
     let motion = RowMotion::new(problem, current);
+    let imaging = Imaging::new(problem, current);
+    let share = |computed_px: Option<Vector2<f64>>, observed_px: &Vector2<f64>| {
+        camera.row_delay(computed_px.unwrap_or(*observed_px).y)
+    };
     let of_vehicles = vehicle_items.iter().zip(vehicle_blocks).map(|(&(vehicle, item), [c, v, point])| {
         let seen = &problem.vehicles[vehicle].observations[item];
         let twist = motion.vehicles[vehicle][seen.frame];
-        let residual =
-            RowVehicleImagePoint(AtRow { camera: camera.clone(), observed_px: seen.image_px, twist });
+        let computed_px = imaging.vehicle_px(vehicle, seen.frame, seen.point);
+        let (observed_px, row_share) = (seen.image_px, share(computed_px, &seen.image_px));
+        let residual = RowVehicleImagePoint(AtRow { camera: camera.clone(), observed_px, row_share, twist });
         Measurement { residual, blocks: [c, v, point, interior, readout], sigma: [seen.sigma_px; 2] }
     });
     let of_targets = target_items.iter().zip(target_blocks).map(|(&item, [c, target])| {
         let seen = &problem.target_observations[item];
         let twist = motion.world[seen.frame];
-        let residual =
-            RowTargetImagePoint(AtRow { camera: camera.clone(), observed_px: seen.image_px, twist });
+        let place = current.targets[seen.target];
+        let computed_px = place.and_then(|place| imaging.target_px(seen.frame, &place));
+        let (observed_px, row_share) = (seen.image_px, share(computed_px, &seen.image_px));
+        let residual = RowTargetImagePoint(AtRow { camera: camera.clone(), observed_px, row_share, twist });
         Measurement { residual, blocks: [c, target, interior, readout], sigma: [seen.sigma_px; 2] }
     });
     builder.share(vec![interior, readout]);

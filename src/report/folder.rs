@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 /// The file by which a folder is known as a result.
 const REPORT: &str = "report.json";
 /// The files of a result, but for the clouds of vehicles.
-const OWN_FILES: [&str; 7] = [
+const OWN_FILES: [&str; 8] = [
     "camera_poses.csv",
     REPORT,
     "residuals.csv",
     "session.rrd",
+    "states.csv",
     "trajectories.csv",
     "vehicle_points.csv",
     "vehicle_poses.csv",

@@ -10,7 +10,7 @@ mod tables;
 
 pub use evaluation::{EvaluationReport, evaluation_report};
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
-pub use tables::result_tables;
+pub use tables::{result_tables, states_table};
 
 use crate::estimate::Estimate;
 use crate::problem::Problem;

@@ -5,7 +5,8 @@ use super::{File, cloud};
 use crate::diagnose::{PosePrecision, Precision};
 use crate::estimate::Estimate;
 use crate::files::rows::{
-    CameraPoseResult, ResidualResult, ResultRow, TrajectoryResult, VehiclePointResult, VehiclePoseResult,
+    CameraPoseResult, ResidualResult, ResultRow, StateResult, TrajectoryResult, VehiclePointResult,
+    VehiclePoseResult,
 };
 use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::Problem;
@@ -192,6 +193,57 @@ fn trajectories(problem: &Problem, estimate: &Estimate, precision: &Precision) -
         }
     }
     rows
+}
+
+/// `states.csv`: the paths of all vehicles, so many times a second.
+pub fn states_table(
+    problem: &Problem,
+    estimate: &Estimate,
+    precision: Option<&Precision>,
+    rate_hz: f64,
+) -> File {
+    let mut rows = Vec::new();
+    for (at, (vehicle, found)) in problem.vehicles.iter().zip(&estimate.vehicles).enumerate() {
+        let Some(path) = found.path(problem, vehicle).filter(|_| found.left_out.is_none()) else { continue };
+        let marker = vehicle.marker.and_then(|marker| found.points[marker]).unwrap_or_default();
+        let sigmas = precision.and_then(|precision| precision.states.get(at)).map_or(&[][..], Vec::as_slice);
+        let mut sigmas = sigmas.iter().peekable();
+        for time_s in path.times_at(rate_hz) {
+            let Some(state) = path.state_at(time_s) else { continue };
+            let own = sigmas.next_if(|sigmas| sigmas.time_s == time_s);
+            let (place, v, a) =
+                (state.pose * marker, state.velocity_of(&marker), state.acceleration_of(&marker));
+            let sigma = |axis: usize| own.map(|own| metres(own.position_m[axis]));
+            let sigma_v = |axis: usize| own.map(|own| round(own.velocity_mps[axis], METRE));
+            let degrees = |rad: f64| round(rad.to_degrees(), PIXEL);
+            rows.push(StateResult {
+                vehicle: vehicle.id.clone(),
+                time_s: round(time_s, METRE),
+                x: metres(place.x),
+                y: metres(place.y),
+                z: metres(place.z),
+                vx: round(v.x, METRE),
+                vy: round(v.y, METRE),
+                vz: round(v.z, METRE),
+                ax: round(a.x, METRE),
+                ay: round(a.y, METRE),
+                az: round(a.z, METRE),
+                speed_mps: round(v.xy().norm(), METRE),
+                heading_deg: degrees(state.heading_rad()),
+                yaw_rate_degps: degrees(state.yaw_rate_rps()),
+                sigma_x: sigma(0),
+                sigma_y: sigma(1),
+                sigma_z: sigma(2),
+                sigma_vx: sigma_v(0),
+                sigma_vy: sigma_v(1),
+                sigma_vz: sigma_v(2),
+                sigma_speed_mps: own.map(|own| round(own.speed_mps, METRE)),
+                sigma_heading_deg: own.map(|own| degrees(own.heading_rad)),
+                sigma_yaw_rate_degps: own.map(|own| degrees(own.yaw_rate_rps)),
+            });
+        }
+    }
+    table("states.csv", rows)
 }
 
 fn residuals(problem: &Problem, fits: &Fits) -> Vec<ResidualResult> {

@@ -12,8 +12,8 @@
 //! dr/dX0      = -P E                        E the rotation of exp(d z)
 //! ```
 //!
-//! `z` is the motion of the body as the camera sees it, `d X / dt = w x X + v`, taken from neighbouring frames
-//! and as it is while Jacobians are formed: it knows neither of the body's frame nor of the world's, so that
+//! `share` is that of the computed row, and `z` is the motion of the body as the camera sees it, `d X / dt = w x X + v`, taken from neighbouring frames;
+//! both stay as they are while Jacobians are formed: it knows neither of the body's frame nor of the world's, so that
 //! what image points leave open stays open. Derivatives by poses and points are those of
 //! [`super::vehicle_image_point`] with `P E` for `P`.
 
@@ -34,6 +34,10 @@ pub struct AtRow {
     pub camera: Arc<Camera>,
     /// Where it was seen \[px\].
     pub observed_px: Vector2<f64>,
+    /// When its row is read out, as a share of the readout time after the middle row: of the computed image
+    /// point. (The row where it was observed has the noise of the observation, and that times itself does not
+    /// average out.)
+    pub row_share: f64,
     /// Motion of what was seen in the camera frame \[m/s, rad/s\].
     pub twist: Vector6<f64>,
 }
@@ -55,13 +59,9 @@ struct Seen {
 }
 
 impl AtRow {
-    fn delay(&self) -> f64 {
-        self.camera.row_delay(self.observed_px.y)
-    }
-
     #[inline(always)]
     fn moved(&self, in_camera: &Vector3<f64>, readout_s: f64) -> (Vector3<f64>, Pose) {
-        let motion = se3::exp(&(self.twist * (self.delay() * readout_s)));
+        let motion = se3::exp(&(self.twist * (self.row_share * readout_s)));
         (motion.rotation * in_camera + motion.translation.vector, motion)
     }
 
@@ -81,7 +81,7 @@ impl AtRow {
             px,
             by_point: by_place * motion.rotation.to_rotation_matrix().matrix(),
             by_interior: camera.interior_jacobian(&place)?,
-            by_readout: by_place * (w.cross(&place) + v) * self.delay(),
+            by_readout: by_place * (w.cross(&place) + v) * self.row_share,
         })
     }
 }
@@ -150,7 +150,10 @@ mod tests {
 
     fn rows(observed_px: Vector2<f64>) -> impl Iterator<Item = AtRow> {
         let twist = Vector6::from(TWIST);
-        cameras().into_iter().map(move |camera| AtRow { camera: Arc::new(camera), observed_px, twist })
+        cameras().into_iter().map(move |camera| {
+            let row_share = camera.row_delay(observed_px.y);
+            AtRow { camera: Arc::new(camera), observed_px, row_share, twist }
+        })
     }
 
     #[test]

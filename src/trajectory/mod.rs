@@ -100,6 +100,16 @@ impl Trajectory {
         Trajectory { times_s, poses, order, strengths }
     }
 
+    /// Times on the path, so many a second, at whole multiples of the step; at most a million.
+    pub fn times_at(&self, rate_hz: f64) -> Vec<f64> {
+        let (Some(first), Some(last)) = (self.times_s.first(), self.times_s.last()) else {
+            return Vec::new();
+        };
+        let begin = (first * rate_hz - 1e-6).ceil();
+        let count = ((last * rate_hz + 1e-6).floor() - begin + 1.0).clamp(0.0, 1e6) as usize;
+        (0..count).map(|k| ((begin + k as f64) / rate_hz).clamp(*first, *last)).collect()
+    }
+
     /// The mean of the path at a time \[s\]; beyond its ends with the twist (the twist and its
     /// change) of the end. `None` where there are fewer poses than [`Order::states`].
     pub fn state_at(&self, time_s: f64) -> Option<State> {

@@ -271,7 +271,12 @@ impl Rows {
                     None => self.add(&VehicleImagePoint { camera, observed_px }, [c, v, p], sigma),
                     Some((motion, [interior, readout])) => {
                         let twist = motion.vehicles[at][seen.frame];
-                        let residual = RowVehicleImagePoint(AtRow { camera, observed_px, twist });
+                        let residual = RowVehicleImagePoint(AtRow {
+                            row_share: camera.row_delay(observed_px.y),
+                            camera,
+                            observed_px,
+                            twist,
+                        });
                         self.add(&residual, [c, v, p, *interior, *readout], sigma)
                     }
                 };
@@ -290,7 +295,12 @@ impl Rows {
                 None => self.add(&TargetImagePoint { camera, observed_px }, [c, target], sigma),
                 Some((motion, [interior, readout])) => {
                     let twist = motion.world[seen.frame];
-                    let residual = RowTargetImagePoint(AtRow { camera, observed_px, twist });
+                    let residual = RowTargetImagePoint(AtRow {
+                        row_share: camera.row_delay(observed_px.y),
+                        camera,
+                        observed_px,
+                        twist,
+                    });
                     self.add(&residual, [c, target, *interior, *readout], sigma)
                 }
             };
