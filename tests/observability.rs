@@ -171,6 +171,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             id: format!("car{}", vehicle + 1),
             marker: None,
             height: plan.knows_height.then_some(Known { value_m: top, sigma_m: 0.05 }),
+            is_car: false,
             points: (0..number).map(|p| ShapePoint { id: format!("p{p:04}"), known: [None; 3] }).collect(),
             observations: Vec::new(),
             poses: poses.iter().map(|pose| Some(*pose)).collect(),
@@ -180,6 +181,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             points: points.into_iter().map(Some).collect(),
             open_depth: vec![false; number],
             motion: None,
+            axle: [0.0; 2],
             left_out: None,
         });
         for frame in 0..frames {

@@ -201,6 +201,7 @@ pub fn source_name(source: Source) -> &'static str {
         Source::CameraPoses => "given camera poses",
         Source::CameraMotion => "motion of the camera",
         Source::VehicleMotion => "motion of vehicles",
+        Source::Driving => "rolling of rear axles",
         Source::Frame => "frame of the body",
         Source::Convention => "conventions",
     }

@@ -13,7 +13,7 @@
 
 use super::inner::UNDETERMINED;
 use super::scale::{share, track_shift};
-use crate::estimate::Estimate;
+use crate::estimate::{Estimate, USUAL_AXLE};
 use crate::nlls::covariance::Covariance;
 use crate::nlls::system::BlockId;
 use crate::problem::{Freedom, Problem};
@@ -108,6 +108,20 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
             sigma_before: Some(ground.bias_sigma_m),
             value: estimate.terrain_bias_m,
         });
+    }
+    for (at, vehicle) in problem.vehicles.iter().enumerate() {
+        let Some(axle) = model.axle(at) else { continue };
+        for (k, name) in ["rear_axle_x_m", "rolling_direction_rad"].into_iter().enumerate() {
+            all.push(Place {
+                block: axle,
+                at: k,
+                name,
+                of: Some(vehicle.id.clone()),
+                before: USUAL_AXLE[k],
+                sigma_before: None,
+                value: estimate.vehicles[at].axle[k],
+            });
+        }
     }
     for (at, (receiver, found)) in problem.receivers.iter().zip(&estimate.receivers).enumerate() {
         let (Some(numbers), Some(antenna)) = (model.receiver(at), model.antenna(at)) else { continue };

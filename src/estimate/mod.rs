@@ -28,6 +28,9 @@ pub struct Estimate {
     pub receivers: Vec<ReceiverEstimate>,
 }
 
+/// Where the rear axle of a car usually is.
+pub const USUAL_AXLE: [f64; 2] = [-1.3, 0.0];
+
 /// The unknowns of a receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReceiverEstimate {
@@ -52,6 +55,9 @@ pub struct VehicleEstimate {
     pub open_depth: Vec<bool>,
     /// How it moves between poses, where that was part of the adjustment.
     pub motion: Option<(Order, Strengths)>,
+    /// Place of the rear axle along the body's x axis \[m\], and the direction in which it rolls,
+    /// counter-clockwise from that axis \[rad\].
+    pub axle: [f64; 2],
     /// Why the vehicle is left out of the adjustment, if it is.
     pub left_out: Option<String>,
 }
@@ -110,6 +116,7 @@ impl VehicleEstimate {
             points,
             open_depth: Vec::new(),
             motion: None,
+            axle: USUAL_AXLE,
             left_out: None,
         }
     }

@@ -128,6 +128,7 @@ impl Checked<'_> {
                 id: settings.id.clone(),
                 marker: settings.marker.as_ref().and_then(|(id, _)| index.get(id.as_str()).copied()),
                 height: settings.height,
+                is_car: settings.is_car,
                 points: ids.iter().map(shape_point).collect(),
                 observations: Vec::new(),
                 poses: (0..self.frames.len())

@@ -60,6 +60,7 @@ pub struct VehicleSettings {
     /// The marker and the line where it stands.
     pub marker: Option<(String, u64)>,
     pub height: Option<Known>,
+    pub is_car: bool,
 }
 
 /// Names of the keys of `[camera]` for each lens model.
@@ -323,7 +324,12 @@ fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
     if vehicle.has("height_sigma_m") && !vehicle.has("height_m") {
         vehicle.warn("height_sigma_m", "has no effect without height_m");
     }
-    Some(VehicleSettings { id: id?, marker, height: height_m.map(|value_m| Known { value_m, sigma_m }) })
+    let kind = vehicle.text("kind");
+    if kind.as_ref().is_some_and(|kind| kind != "car" && kind != "other") {
+        vehicle.error("kind", "\"car\" or \"other\"");
+    }
+    let height = height_m.map(|value_m| Known { value_m, sigma_m });
+    Some(VehicleSettings { id: id?, marker, height, is_car: kind.is_some_and(|kind| kind == "car") })
 }
 
 #[cfg(test)]
@@ -351,6 +357,7 @@ plane_z = 1.0
 [[vehicle]]
 id = "car1"
 marker = "m"
+kind = "car"
 height_m = 1.5
 [[vehicle]]
 id = "car2"
@@ -376,6 +383,12 @@ id = "car2"
         assert_eq!((ground.sigma_m, ground.correlation_s, ground.bias_sigma_m), (0.02, 1.0, 0.0));
         assert_eq!(settings.vehicles[0].height, Some(Known { value_m: 1.5, sigma_m: 0.1 }));
         assert_eq!(settings.vehicles[1].id, "car2");
+        assert!(settings.vehicles[0].is_car && !settings.vehicles[1].is_car);
+        let wrong = errors(&WHOLE.replace("kind = \"car\"", "kind = \"boat\""));
+        assert_eq!(
+            wrong,
+            ["problem.toml:22: column vehicle.kind: expected \"car\" or \"other\", found \"\\\"boat\\\"\""]
+        );
         assert_eq!((settings.shutter, settings.calibration), Default::default());
     }
 
@@ -394,7 +407,7 @@ id = "car2"
             "problem.toml:8: column camera.fx: expected a finite number above 0, found \"-2680\"",
             "problem.toml:4: column camera.cy: expected a finite number, found \"nothing\"",
             "problem.toml:13: column noise.vehicle_px: expected a finite number of at least 0, found \"-3.0\"",
-            "problem.toml:23: column vehicle.id: expected an id that no other vehicle has, found \"\\\"car1\\\"\"",
+            "problem.toml:24: column vehicle.id: expected an id that no other vehicle has, found \"\\\"car1\\\"\"",
         ];
         assert_eq!(errors(&text), wanted);
     }

@@ -114,6 +114,8 @@ pub struct Vehicle {
     pub marker: Option<usize>,
     /// Height above the ground of the highest observed point.
     pub height: Option<Known>,
+    /// Whether it has a rear axle that rolls without slip.
+    pub is_car: bool,
     /// Its points, sorted by id.
     pub points: Vec<ShapePoint>,
     /// Its image points, sorted by frame and point.

@@ -73,7 +73,9 @@ pub fn pose_motion(direction: &Vector6<f64>, pose: &Pose) -> Vector6<f64> {
 
 /// The frames of all vehicles at `values`, which are those of `estimate`.
 pub fn body_frames(problem: &Problem, estimate: &Estimate, model: &Model, values: &Values) -> Vec<BodyFrame> {
-    let normals = model.system.own_normals(values);
+    // A lever arm says where a point is to its antenna, of which nothing is known either.
+    let arms: Vec<_> = model.groups_of(Source::GnssKnowledge).collect();
+    let normals = model.system.own_normals_without(values, &arms);
     let frame = |vehicle| body_frame(estimate, model, values, &normals, vehicle);
     (0..problem.vehicles.len()).map(frame).collect()
 }

@@ -10,7 +10,7 @@ use super::motion::{Body, Motion, MotionPrior, MotionPriors, Order, TimedPose};
 use super::outcome::Fits;
 use super::receivers::{self, ReceiverBlocks, add_receivers};
 use crate::camera::INTERIOR;
-use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
+use crate::estimate::{Estimate, ReceiverEstimate, USUAL_AXLE, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::nlls::loss::{Loss, robust_spread_of_many};
 use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
@@ -19,7 +19,8 @@ use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, 
 use crate::problem::{GroundKnowledge, Known, Problem, Role, Vehicle};
 use crate::residuals::ground_contact::{FirstContact, NextContact};
 use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
-use crate::residuals::known_coordinate::{KnownCoordinate, KnownZero};
+use crate::residuals::known_coordinate::{KnownCoordinate, KnownNumber, KnownZero};
+use crate::residuals::no_side_slip::NoSideSlip;
 use crate::residuals::pose_prior::PosePrior;
 use crate::residuals::row_image_point::INTERIOR_BLOCK;
 use crate::terrain::{NoGround, Terrain};
@@ -96,6 +97,8 @@ pub enum Source {
     CameraMotion,
     /// Smooth motion of vehicles.
     VehicleMotion,
+    /// Rear axles that roll without slip.
+    Driving,
     /// Coordinates that hold what is open of the frames of bodies.
     Frame,
     /// What is nobody's knowledge and only keeps an unknown in its place.
@@ -149,6 +152,8 @@ pub(super) struct Blocks {
 pub(super) struct VehicleBlocks {
     pub poses: Vec<Option<BlockId>>,
     pub points: Vec<Option<BlockId>>,
+    /// Of a car: rear axle.
+    pub axle: Option<BlockId>,
 }
 
 impl Model {
@@ -240,6 +245,8 @@ impl Model {
             Body::Camera => (Source::CameraMotion, group),
             Body::Vehicle(_) => (Source::VehicleMotion, group),
         }));
+        let (driving, kept) = add_driving(&mut builder, problem, &blocks);
+        sources.extend([(Source::Driving, driving), (Source::Convention, kept)]);
         let steps = blocks.cameras.iter().enumerate().map(|(frame, camera)| TimeStep {
             observer: Some(*camera),
             bodies: blocks.vehicles.iter().filter_map(|vehicle| vehicle.poses[frame]).collect(),
@@ -337,6 +344,11 @@ impl Model {
         self.blocks.open_camera
     }
 
+    /// Block of the rear axle of a car.
+    pub fn axle(&self, vehicle: usize) -> Option<BlockId> {
+        self.blocks.vehicles[vehicle].axle
+    }
+
     /// Block of the bias of the terrain.
     pub fn terrain_bias(&self) -> BlockId {
         self.blocks.bias
@@ -386,7 +398,7 @@ impl Model {
     pub fn prior_rows(&self, values: &Values) -> (usize, f64) {
         let squares =
             |group: GroupId| -> f64 { self.system.squared_norms(group, values).into_iter().flatten().sum() };
-        const COUNTED: [Source; 10] = [
+        const COUNTED: [Source; 11] = [
             Source::Calibration,
             Source::Readout,
             Source::Gnss,
@@ -397,6 +409,7 @@ impl Model {
             Source::KnownPoint,
             Source::CameraMotion,
             Source::VehicleMotion,
+            Source::Driving,
         ];
         let counted = self.sources.iter().filter(|(source, _)| COUNTED.contains(source));
         let counted: Vec<GroupId> = counted.map(|(_, group)| *group).collect();
@@ -425,6 +438,9 @@ impl Model {
                 }
             }
             self.set_points(&mut values, &blocks.points, &estimate.points);
+            if let Some(axle) = blocks.axle {
+                self.system.set_value(&mut values, axle, &estimate.axle);
+            }
         }
         self.set_points(&mut values, &self.blocks.targets, &estimate.targets);
         self.system.set_value(&mut values, self.blocks.bias, &[estimate.terrain_bias_m]);
@@ -471,6 +487,9 @@ impl Model {
                 poses: blocks.poses.iter().map(|block| block.map(pose)).collect(),
                 points: blocks.points.iter().map(|block| block.map(point)).collect(),
                 open_depth: start.open_depth.clone(),
+                axle: blocks
+                    .axle
+                    .map_or(start.axle, |axle| self.system.value(values, axle).try_into().expect("an axle")),
                 motion: strengths
                     .iter()
                     .find(|found| found.body == Body::Vehicle(vehicle.id.clone()))
@@ -574,6 +593,10 @@ fn add_blocks(
     }
     for (at, vehicle) in problem.vehicles.iter().enumerate() {
         let estimate = &current.vehicles[at];
+        if vehicle.is_car && estimate.left_out.is_none() {
+            let axle = builder.add_block(Manifold::Vector(2), &estimate.axle, &[true; 2]);
+            blocks.vehicles[at].axle = Some(axle);
+        }
         for (shape_point, point) in vehicle.points.iter().zip(&estimate.points) {
             let point = point.filter(|_| estimate.left_out.is_none());
             blocks.vehicles[at].points.push(add_point(builder, point, &shape_point.known));
@@ -911,4 +934,39 @@ fn add_motion(
         motion.add(builder, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle);
     }
     motion
+}
+
+/// Slip of a rear axle across its direction, and how long it lasts \[m/s, s\].
+const SLIP: (f64, f64) = (0.1, 1.0);
+/// Standard deviation of the place of a rear axle \[m\], and of the direction in which it rolls \[rad\]: nothing
+/// is known of that, since the x axis of a body is a convention.
+const AXLE_SIGMA_M: f64 = 1.0;
+const ROLLING_SIGMA_RAD: f64 = 0.2;
+
+/// Rear axles of cars, which roll where they point, and what only keeps their direction near the x axis.
+fn add_driving(builder: &mut SystemBuilder, problem: &Problem, blocks: &Blocks) -> (GroupId, GroupId) {
+    let (mut rolling, mut places, mut directions) = (Vec::new(), Vec::new(), Vec::new());
+    for vehicle in &blocks.vehicles {
+        let Some(axle) = vehicle.axle else { continue };
+        let known = vehicle.poses.iter().enumerate().filter_map(|(frame, pose)| Some((frame, (*pose)?)));
+        let known: Vec<(usize, BlockId)> = known.collect();
+        for pair in known.windows(2) {
+            let [(before, from), (after, to)] = [pair[0], pair[1]];
+            let step_s = problem.frames[after].time_s - problem.frames[before].time_s;
+            // Errors that last count once in twice that time.
+            let sigma = SLIP.0 * (2.0 * SLIP.1 / step_s).max(1.0).sqrt();
+            let residual = NoSideSlip { step_s };
+            rolling.push(Measurement { residual, blocks: [from, to, axle], sigma: [sigma] });
+        }
+        let row = |at: usize, sigma: f64| {
+            let residual = KnownNumber::<2> { at, known: USUAL_AXLE[at] };
+            Measurement { residual, blocks: [axle], sigma: [sigma] }
+        };
+        places.push(row(0, AXLE_SIGMA_M));
+        directions.push(row(1, ROLLING_SIGMA_RAD));
+    }
+    let rolling = builder.add_group("rolling of a rear axle", Loss::Squared, rolling);
+    let mut kept = places;
+    kept.extend(directions);
+    (rolling, builder.add_group("usual rear axle", Loss::Squared, kept))
 }

@@ -319,6 +319,11 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
     let values = network.map_or(&minimum.values, |network| &network.values);
     let redundancy = observations as i64 - parameters as i64;
     let mut warnings = model.warnings.clone();
+    for warning in network.iter().flat_map(|network| &network.model.warnings) {
+        if !warnings.contains(warning) {
+            warnings.push(warning.clone());
+        }
+    }
     if network.is_none() {
         warnings.push(
             "the final least squares on accepted image points could not be solved: the result is that of the \

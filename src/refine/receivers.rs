@@ -6,6 +6,7 @@
 use super::model::{Blocks, Purpose};
 use super::outcome::OUTLIER_SIGMAS;
 use crate::clock::curve::Curve;
+use crate::clock::quantile::median;
 use crate::clock::{ClockOffset, Shift, clock_offset};
 use crate::estimate::{Estimate, ReceiverEstimate};
 use crate::nlls::loss::{Loss, LossName};
@@ -184,12 +185,13 @@ pub fn add_receivers(
         let found = &current.receivers[at];
         let (mut rejected, mut used) = (0, 0);
         let frames: Vec<usize> = (0..poses.len()).filter(|frame| poses[*frame].is_some()).collect();
-        let all = (0..receiver.positions.len()).zip(positions_in(problem, &frames, receiver, found));
-        for (item, position) in all {
+        let placed = positions_in(problem, &frames, receiver, found);
+        // By what all scatter: where a clock is held at a wrong offset, all are off together.
+        let deviations = deviations(problem, current, at, &placed);
+        let limit = OUTLIER_SIGMAS * spread_of(&deviations);
+        for (item, (position, deviation)) in placed.into_iter().zip(deviations).enumerate() {
             let Some((residual, frames, sigma_m)) = position else { continue };
-            if matches!(purpose, Purpose::Statistics { .. })
-                && is_gross(problem, current, at, &residual, frames, sigma_m)
-            {
+            if matches!(purpose, Purpose::Statistics { .. }) && deviation.is_none_or(|d| d > limit) {
                 rejected += 1;
                 continue;
             }
@@ -248,28 +250,33 @@ pub fn add_receivers(
     }
 }
 
-/// Whether a position is a gross error at the current estimate.
-fn is_gross(
+/// The scatter of deviations in three axes, at least 1.
+fn spread_of(deviations: &[Option<f64>]) -> f64 {
+    // The median of the norm of three normal numbers.
+    const MEDIAN: f64 = 1.538;
+    median(deviations.iter().copied().flatten().collect()).map_or(1.0, |median| (median / MEDIAN).max(1.0))
+}
+
+/// How many standard deviations each position is off at the current estimate; `None` where it takes no part.
+fn deviations(
     problem: &Problem,
     current: &Estimate,
     receiver: usize,
-    residual: &AntennaPosition,
-    frames: [usize; 3],
-    sigma_m: [f64; 3],
-) -> bool {
+    positions: &[Option<PlacedPosition>],
+) -> Vec<Option<f64>> {
     let found = &current.receivers[receiver];
     let receiver = &problem.receivers[receiver];
-    let poses = frames.map(|frame| current.vehicles[receiver.vehicle].poses[frame]);
-    let (Some(antenna), [Some(a), Some(b), Some(c)]) = (antenna(receiver, found, current), poses) else {
-        return false;
-    };
-    let [a, b, c] = [a, b, c].map(|pose| write_pose(&pose));
+    let poses = &current.vehicles[receiver.vehicle].poses;
     let shift = found.shift_m;
     let value = [found.clock_offset_s, found.clock_drift, shift.x, shift.y, shift.z];
-    let difference = residual.evaluate(&[&a, &b, &c, antenna.coords.as_slice(), &value], None);
-    difference.is_none_or(|difference: Vector3<f64>| {
-        difference.component_div(&Vector3::from(sigma_m)).norm() > OUTLIER_SIGMAS
-    })
+    let deviation = |(residual, frames, sigma_m): &PlacedPosition| {
+        let antenna = antenna(receiver, found, current)?;
+        let [a, b, c] = frames.map(|frame| poses[frame]);
+        let [a, b, c] = [write_pose(&a?), write_pose(&b?), write_pose(&c?)];
+        let off: Vector3<f64> = residual.evaluate(&[&a, &b, &c, antenna.coords.as_slice(), &value], None)?;
+        Some(off.component_div(&Vector3::from(*sigma_m)).norm())
+    };
+    positions.iter().map(|position| deviation(position.as_ref()?)).collect()
 }
 
 #[cfg(test)]

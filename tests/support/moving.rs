@@ -290,6 +290,7 @@ impl Flight {
                 id: "car".to_owned(),
                 marker: Some(0),
                 height: Some(Known { value_m: roof_m, sigma_m: self.roof_m }),
+                is_car: false,
                 points: (0..self.points)
                     .map(|at| ShapePoint { id: format!("p{at:03}"), known: [None; 3] })
                     .collect(),

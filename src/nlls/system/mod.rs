@@ -475,10 +475,16 @@ impl System {
 
     /// `J^T J` by each block alone at `values`: its normal matrix, were all others known.
     pub fn own_normals(&self, values: &Values) -> OwnNormals {
+        self.own_normals_without(values, &[])
+    }
+
+    /// [`System::own_normals`], without what some groups say.
+    pub fn own_normals_without(&self, values: &Values, without: &[GroupId]) -> OwnNormals {
         let size = |block: &Block| block.manifold.tangent();
         let mut sums: Vec<DMatrix<f64>> =
             self.blocks.iter().map(|block| DMatrix::zeros(size(block), size(block))).collect();
-        self.groups.iter().for_each(|group| group.add_own(self, values, &mut sums));
+        let groups = self.groups.iter().enumerate().filter(|(at, _)| !without.contains(&GroupId(*at)));
+        groups.for_each(|(_, group)| group.add_own(self, values, &mut sums));
         OwnNormals(sums)
     }
 
