@@ -6,6 +6,7 @@ use super::drawn::normal;
 use nalgebra::{Point3, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
 use trackbundle::camera::{Camera, Lens};
 use trackbundle::geometry::{Pose, rotation::exp};
 use trackbundle::problem::{
@@ -82,7 +83,7 @@ struct Drone {
 
 impl Drone {
     fn pose(&self, t: f64) -> Pose {
-        let wave = |k: usize, period: f64| (std::f64::consts::TAU * t / period + self.phase[k]).sin();
+        let wave = |k: usize, period: f64| (TAU * t / period + self.phase[k]).sin();
         let place =
             Vector3::new(0.8 * wave(0, 7.0), 0.7 * wave(1, 9.0) - 12.0, self.height_m + 0.4 * wave(2, 8.0));
         // Looks down, and some degrees ahead.
@@ -105,12 +106,12 @@ struct Drive {
 
 impl Drive {
     fn heading_at(&self, t: f64) -> f64 {
-        self.heading + self.swing * (std::f64::consts::TAU * t / 6.0).sin()
+        self.heading + self.swing * (TAU * t / 6.0).sin()
     }
 
     fn level(&self, t: f64) -> (f64, f64, f64) {
         // Simpson's rule from the middle of the film on.
-        let speed = |t: f64| self.speed_mps * (1.0 + 0.25 * (std::f64::consts::TAU * t / 4.0).sin());
+        let speed = |t: f64| self.speed_mps * (1.0 + 0.25 * (TAU * t / 4.0).sin());
         let from = t - self.middle_s;
         let steps = 64;
         let h = from / f64::from(steps);
@@ -174,7 +175,7 @@ impl Flight {
         let readout_s = self.readout_s[0] + normal(rng) * self.readout_s[1];
         let clock_s = normal(rng) * self.clock_s;
         let drone =
-            Drone { height_m: self.height_m, phase: std::array::from_fn(|_| rng.random_range(0.0..6.28)) };
+            Drone { height_m: self.height_m, phase: std::array::from_fn(|_| rng.random_range(0.0..TAU)) };
         let rough = slow(self.frames, self.terrain_m, CORRELATION_S, rng);
         let leans = [(); 2].map(|()| slow(self.frames, TILT_RAD, CORRELATION_S, rng));
         let drive = Drive {
