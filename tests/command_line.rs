@@ -321,12 +321,19 @@ fn every_key_of_the_report_is_in_the_documents_and_the_other_way_round() {
     let drive = support::drive::Drive { frames: 40, targets: 14, check: 3, ..Default::default() };
     drive.write(&problem);
     std::fs::remove_file(problem.join("camera_poses.csv")).unwrap();
+    // One that stands, and one with a rolling shutter and a receiver whose clock is held.
+    let (standing, moving) = (folder.path().join("standing"), folder.path().join("moving"));
+    support::drive::Drive { frames: 45, motion: [0.0, 0.0], ..Default::default() }.write(&standing);
+    let flight = support::moving::Flight { frames: 45, points: 40, targets: 20, ..support::moving::FULL };
+    support::moving::write(&flight.draw(1).0, &moving, "[gnss]\nclock_offset_s = 0.0\n");
     let mut found = std::collections::BTreeSet::new();
-    program().arg("refine").arg(&problem).arg("--no-rrd").arg("--out").arg(&out).assert().success();
-    let text = std::fs::read_to_string(out.join("report.json")).unwrap();
-    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(report["schema"], 1);
-    keys(&report, &mut found);
+    for problem in [&problem, &standing, &moving] {
+        program().arg("refine").arg(problem).arg("--no-rrd").arg("--out").arg(&out).assert().success();
+        let text = std::fs::read_to_string(out.join("report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(report["schema"], 1);
+        keys(&report, &mut found);
+    }
     let documents = std::fs::read_to_string(support::in_package("docs/formats.md")).unwrap();
     let start = documents.find("### `report.json`").unwrap();
     let section = &documents[start..start + documents[start..].find("## Exit codes").unwrap()];
@@ -340,7 +347,17 @@ fn every_key_of_the_report_is_in_the_documents_and_the_other_way_round() {
         ["report.json", "converged", "iteration_limit", "stalled", "initialised", "yes", "with care", "no"];
     let values = [
         values.as_slice(),
-        &["null", "weak", "image_point", "track", "frame", "no_coordinates", "check_point"],
+        &[
+            "null",
+            "acceleration",
+            "jerk",
+            "weak",
+            "image_point",
+            "track",
+            "frame",
+            "no_coordinates",
+            "check_point",
+        ],
     ]
     .concat();
     let of_directions = ["class", "singular_ratio", "held_by"];

@@ -9,7 +9,7 @@
 mod support;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
-use support::moving::Flight;
+use support::moving::{FULL, Flight};
 use support::score::laid_on_truth;
 use trackbundle::diagnose::{Diagnosis, diagnose};
 use trackbundle::geometry::align::rigid_fit;
@@ -155,22 +155,7 @@ fn estimated<'r>(report: &'r serde_json::Value, name: &str) -> &'r serde_json::V
     all.iter().find(|p| p["name"] == name).unwrap_or_else(|| panic!("no {name}: {all:?}"))
 }
 
-const SMALL: Flight = Flight {
-    frames: 90,
-    points: 60,
-    targets: 20,
-    image_px: 1.0,
-    speed_mps: 10.0,
-    height_m: 60.0,
-    pose_m: 0.3,
-    terrain_bias_m: 0.5,
-    terrain_m: 0.05,
-    roof_m: 0.1,
-    clock_s: 0.03,
-    readout_s: [0.03, 0.01],
-    gross: 0.05,
-    gnss: Some((5.0, 0.02)),
-};
+const SMALL: Flight = Flight { frames: 90, points: 60, targets: 20, ..FULL };
 
 #[test]
 fn a_folder_with_gnss_and_a_rolling_shutter_is_refined() {

@@ -10,6 +10,7 @@ pub mod observability;
 pub mod parameters;
 mod precision;
 mod scale;
+mod standstill;
 mod statistics;
 mod verdict;
 
@@ -20,9 +21,9 @@ pub use scale::{CommonError, Scale};
 pub use statistics::{Component, Reliability, Statistics, VarianceTest};
 pub use verdict::{Trust, Verdict};
 
-use crate::estimate::Estimate;
+use crate::estimate::{Estimate, VehicleEstimate};
 use crate::nlls::covariance::{Covariance, NoCovariance};
-use crate::problem::Problem;
+use crate::problem::{Problem, Vehicle};
 use crate::refine::{Adjusted, CheckPoint, Network, Source, alone};
 use inner::{Inner, UNDETERMINED};
 use observability::{Observability, observability};
@@ -47,6 +48,8 @@ pub struct Diagnosis {
     pub check_points: Vec<CheckPrecision>,
     /// What is adjusted beside poses and points.
     pub parameters: Vec<Parameter>,
+    /// From when to when each vehicle stands \[s\].
+    pub standstill: Vec<Vec<[f64; 2]>>,
     /// For each vehicle how many directions of its frame are a convention, and the standard deviations of the
     /// six from what is known: root mean square over the points \[m\], worst first.
     pub frames: Vec<(usize, Vec<f64>)>,
@@ -111,7 +114,8 @@ fn vehicle_by_vehicle(
 impl Diagnosis {
     /// Adds the diagnosis of another vehicle under the same cameras.
     fn join(&mut self, other: Diagnosis) {
-        let Diagnosis { precision, statistics, scales, frames, parameters, .. } = other;
+        let Diagnosis { precision, statistics, scales, frames, parameters, standstill, .. } = other;
+        self.standstill.extend(standstill);
         self.precision.join(precision);
         self.statistics.join(statistics);
         self.scales.extend(scales);
@@ -166,6 +170,7 @@ fn of_network(
     let precision = precision::precision(problem, estimate, &inner, states_hz);
     // Its memory is wanted below.
     drop(inner);
+    let standstill = standstills(problem, estimate, &precision);
     let frames = network
         .frames
         .iter()
@@ -181,8 +186,24 @@ fn of_network(
         is_upper_bound,
         check_points,
         parameters,
+        standstill,
         frames,
     })
+}
+
+/// When each vehicle stands.
+fn standstills(problem: &Problem, estimate: &Estimate, precision: &Precision) -> Vec<Vec<[f64; 2]>> {
+    let of_vehicle = |(vehicle, (found, sigmas)): (&Vehicle, (&VehicleEstimate, &Vec<_>))| {
+        if found.left_out.is_some() {
+            return Vec::new();
+        }
+        let places = found.track(problem, vehicle).into_iter().enumerate().filter_map(|(at, place)| {
+            let sigma: Option<&TrackPrecision> = sigmas.get(at).and_then(Option::as_ref);
+            Some((problem.frames[place.frame].time_s, place.speed_mps?, sigma.and_then(|s| s.speed_mps)))
+        });
+        standstill::standstill(places)
+    };
+    problem.vehicles.iter().zip(estimate.vehicles.iter().zip(&precision.tracks)).map(of_vehicle).collect()
 }
 
 /// A source in the user's words.

@@ -259,6 +259,13 @@ impl Verdict {
     }
 
     fn add_parameters(&mut self, problem: &Problem, adjustment: &Adjustment, diagnosis: &Diagnosis) {
+        for (vehicle, found) in problem.vehicles.iter().zip(&diagnosis.standstill) {
+            if !found.is_empty() {
+                let times: Vec<String> =
+                    found.iter().map(|[from, to]| format!("{from:.1} to {to:.1} s")).collect();
+                self.facts.push(("standing", format!("{}: {}", vehicle.id, times.join(", "))));
+            }
+        }
         for found in &diagnosis.parameters {
             let name = found.full_name();
             if !found.is_observable {

@@ -16,6 +16,7 @@
 use super::NoSolution;
 use crate::nlls::loss::Loss;
 use crate::nlls::minimise::Minimiser;
+use crate::nlls::residual::Residual;
 use crate::nlls::system::{Accuracy, BlockId, GroupId, Measurement, System, SystemBuilder, Values};
 use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
 use crate::residuals::scale_free::ScaleFree;
@@ -175,10 +176,7 @@ fn add_accelerations(builder: &mut SystemBuilder, poses: &[TimedPose], first: St
         let sigma = [first.angular / root; 3];
         rotations.push(Measurement { residual: AngularAcceleration(steps), blocks, sigma });
     }
-    let positions = match plain.is_empty() {
-        true => builder.add_group(POSITION, Loss::Squared, seen),
-        false => builder.add_group(POSITION, Loss::Squared, plain),
-    };
+    let positions = add_positions(builder, plain, seen);
     [positions, builder.add_group(ATTITUDE, Loss::Squared, rotations)]
 }
 
@@ -199,11 +197,24 @@ fn add_jerks(builder: &mut SystemBuilder, poses: &[TimedPose], first: Strengths)
         let sigma = [first.angular / root; 3];
         rotations.push(Measurement { residual: AngularJerk(steps), blocks, sigma });
     }
-    let positions = match plain.is_empty() {
+    let positions = add_positions(builder, plain, seen);
+    [positions, builder.add_group(ATTITUDE, Loss::Squared, rotations)]
+}
+
+/// All poses of a body are seen from a camera, or none is.
+fn add_positions<A, B, const N: usize>(
+    builder: &mut SystemBuilder,
+    plain: Vec<Measurement<A, 3, N>>,
+    seen: Vec<Measurement<B, 3, N>>,
+) -> GroupId
+where
+    A: Residual<3, N> + 'static,
+    B: Residual<3, N> + 'static,
+{
+    match plain.is_empty() {
         true => builder.add_group(POSITION, Loss::Squared, seen),
         false => builder.add_group(POSITION, Loss::Squared, plain),
-    };
-    [positions, builder.add_group(ATTITUDE, Loss::Squared, rotations)]
+    }
 }
 
 /// Names of the groups.

@@ -160,6 +160,30 @@ pub struct ParameterReport {
     pub correlations: BTreeMap<String, f64>,
 }
 
+/// A vehicle that stands.
+#[derive(Clone, Debug, Serialize)]
+pub struct StandstillReport {
+    /// Its id.
+    pub vehicle: String,
+    /// From when.
+    pub from_s: f64,
+    /// To when.
+    pub to_s: f64,
+}
+
+/// When vehicles stand.
+pub fn standstill_reports(problem: &Problem, diagnosis: &Diagnosis) -> Vec<StandstillReport> {
+    let all = problem.vehicles.iter().zip(&diagnosis.standstill);
+    all.flat_map(|(vehicle, found)| {
+        found.iter().map(|[from_s, to_s]| StandstillReport {
+            vehicle: vehicle.id.clone(),
+            from_s: *from_s,
+            to_s: *to_s,
+        })
+    })
+    .collect()
+}
+
 /// The test of a number that is held.
 #[derive(Clone, Debug, Serialize)]
 pub struct DirectedTestReport {

@@ -1,9 +1,9 @@
 //! `report.json`: what was solved and how well, for programs.
 
 use super::diagnosis::{
-    DirectedTestReport, ObservabilityReport, ParameterReport, ScaleReport, StatisticsReport, VerdictReport,
-    directed_test_reports, observability_report, parameter_reports, scale_reports, statistics_report,
-    verdict_report,
+    DirectedTestReport, ObservabilityReport, ParameterReport, ScaleReport, StandstillReport,
+    StatisticsReport, VerdictReport, directed_test_reports, observability_report, parameter_reports,
+    scale_reports, standstill_reports, statistics_report, verdict_report,
 };
 use super::folder::PROGRAM;
 use crate::diagnose::observability::Observability;
@@ -79,6 +79,8 @@ pub struct Report {
     pub scales: Vec<ScaleReport>,
     /// What is adjusted beside poses and points.
     pub estimated: Vec<ParameterReport>,
+    /// When vehicles stand.
+    pub standstill: Vec<StandstillReport>,
     /// Tests of single numbers that are held.
     pub directed_tests: Vec<DirectedTestReport>,
     /// The loss of image points.
@@ -429,6 +431,7 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         statistics: None,
         scales: Vec::new(),
         estimated: Vec::new(),
+        standstill: Vec::new(),
         directed_tests: Vec::new(),
         loss: None,
         motion: Vec::new(),
@@ -476,6 +479,7 @@ impl Report {
         self.statistics = Some(statistics_report(problem, diagnosis));
         self.scales = scale_reports(problem, diagnosis);
         self.estimated = parameter_reports(diagnosis);
+        self.standstill = standstill_reports(problem, diagnosis);
         for (report, found) in self.check_points.iter_mut().zip(&diagnosis.check_points) {
             let [x, y, z] = found.sigma_m.map_or([None; 3], |sigma| sigma.map(Some));
             (report.sigma_dx, report.sigma_dy, report.sigma_dz) = (x, y, z);

@@ -36,24 +36,27 @@ pub struct Flight {
     pub gnss: Option<(f64, f64)>,
 }
 
+/// The film of the study.
+pub const FULL: Flight = Flight {
+    frames: 150,
+    points: 400,
+    targets: 40,
+    image_px: 1.0,
+    speed_mps: 10.0,
+    height_m: 60.0,
+    pose_m: 0.3,
+    terrain_bias_m: 0.5,
+    terrain_m: 0.05,
+    roof_m: 0.1,
+    clock_s: 0.03,
+    readout_s: [0.03, 0.01],
+    gross: 0.05,
+    gnss: Some((5.0, 0.02)),
+};
+
 impl Default for Flight {
     fn default() -> Self {
-        Flight {
-            frames: 150,
-            points: 400,
-            targets: 40,
-            image_px: 1.0,
-            speed_mps: 10.0,
-            height_m: 60.0,
-            pose_m: 0.3,
-            terrain_bias_m: 0.5,
-            terrain_m: 0.05,
-            roof_m: 0.1,
-            clock_s: 0.03,
-            readout_s: [0.03, 0.01],
-            gross: 0.05,
-            gnss: Some((5.0, 0.02)),
-        }
+        FULL
     }
 }
 
