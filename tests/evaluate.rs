@@ -267,6 +267,27 @@ fn where_nothing_can_be_compared_it_is_said_why() {
     refused("vehicle a: reference/gnss.csv has no position of it");
 }
 
+/// What was adjusted to is no check.
+#[test]
+fn a_reference_that_was_an_observation_is_refused() {
+    let folders = Folders::new(road);
+    let reference = receiver(road);
+    let row: Vec<&str> = reference.lines().nth(3).unwrap().split(',').collect();
+    std::fs::create_dir(folders.problem.join("observations")).unwrap();
+    let save = |x: &str| {
+        let text = format!(
+            "vehicle,point,time_s,x,y,z,sigma_x,sigma_y,sigma_z\na,p,{},{x},{},{},0.02,0.02,0.02\n",
+            row[1], row[3], row[4]
+        );
+        std::fs::write(folders.problem.join("observations/gnss.csv"), text).unwrap();
+    };
+    save("1234.5");
+    folders.command(&[]).assert().code(0);
+    save(row[2]);
+    let refused = folders.command(&[]).assert().code(4).stdout("");
+    refused.stderr(predicate::str::contains("what was adjusted to is no check"));
+}
+
 #[test]
 fn the_least_and_the_largest_that_can_be_compared() {
     let folders = Folders::new(road);

@@ -8,8 +8,10 @@ use crate::evaluate::statistics::Statistics;
 use crate::evaluate::track::{Association, SpeedSource, TrackComparison};
 use crate::evaluate::{Clock, EvaluateOptions, Evaluation, VehicleEvaluation, evaluate};
 use crate::files::read_tracks;
+use crate::problem::{Problem, Receiver};
 use crate::report::evaluation_report;
 use clap::{Args, ValueEnum};
+use nalgebra::Point3;
 use std::path::PathBuf;
 
 /// Arguments of the command.
@@ -92,7 +94,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         (Err(failure), _) | (_, Err(failure)) => return Err(failure),
     };
-    let Input { reference, mut warnings, .. } = input;
+    let Input { reference, problem, mut warnings, .. } = input;
+    let used: Vec<(String, Point3<f64>)> = problem.iter().flat_map(observed_positions).collect();
     warnings.extend(tracks.warnings);
 
     let options = EvaluateOptions {
@@ -106,7 +109,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Associated::Nearest => Association::Nearest,
         },
     };
-    let evaluation = evaluate(&vehicles.unwrap_or_default(), &tracks.tracks, &reference.tracks, &options);
+    let evaluation =
+        evaluate(&vehicles.unwrap_or_default(), &tracks.tracks, &reference.tracks, &used, &options);
     let missing: Vec<String> =
         evaluation.not_compared.iter().map(|(vehicle, why)| format!("vehicle {vehicle}: {why}")).collect();
     if evaluation.vehicles.is_empty() {
@@ -124,6 +128,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         print(&describe(&evaluation, &options))
     }
+}
+
+/// Positions that the problem adjusts to, and whose.
+fn observed_positions(problem: &Problem) -> Vec<(String, Point3<f64>)> {
+    let of_receiver = |receiver: &Receiver| {
+        let id = &problem.vehicles[receiver.vehicle].id;
+        receiver.positions.iter().map(|p| (id.clone(), p.position)).collect::<Vec<_>>()
+    };
+    problem.receivers.iter().flat_map(of_receiver).collect()
 }
 
 fn clock_warning(found: &VehicleEvaluation) -> Option<String> {

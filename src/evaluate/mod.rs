@@ -13,6 +13,7 @@ use crate::files::TrackPosition;
 use crate::reference::GnssPosition;
 use clock::{ClockOffset, Shift, clock_offset};
 use curve::Curve;
+use nalgebra::Point3;
 use track::{Association, TrackComparison, compare};
 
 /// Which offset of the receiver's clock is applied: `t_reference = t_video + offset`.
@@ -77,11 +78,13 @@ pub struct Evaluation {
     pub not_compared: Vec<(String, String)>,
 }
 
-/// Compares the tracks of a result with those of the reference, for each of the problem's `vehicles`.
+/// Compares the tracks of a result with those of the reference, for each of the problem's `vehicles`. A
+/// reference that has a position which was `used` as an observation of the same vehicle is no check, and refused.
 pub fn evaluate(
     vehicles: &[String],
     result: &[(String, Vec<TrackPosition>)],
     reference: &[(String, Vec<GnssPosition>)],
+    used: &[(String, Point3<f64>)],
     options: &EvaluateOptions,
 ) -> Evaluation {
     let mut evaluation = Evaluation::default();
@@ -92,6 +95,11 @@ pub fn evaluate(
             (None, None) => Err("neither the result nor reference/gnss.csv has its track".to_owned()),
             (None, Some(_)) => Err("the result has no track of it".to_owned()),
             (Some(_), None) => Err("reference/gnss.csv has no position of it".to_owned()),
+            (Some(_), Some(positions)) if is_used(vehicle, positions, used) => {
+                Err("positions of reference/gnss.csv are observations (observations/gnss.csv): what was adjusted \
+                     to is no check"
+                    .to_owned())
+            }
             (Some(track), Some(positions)) => evaluate_vehicle(vehicle, track, positions, options),
         };
         match compared {
@@ -100,6 +108,14 @@ pub fn evaluate(
         }
     }
     evaluation
+}
+
+/// Whether any of the positions was an observation of the vehicle, to a tenth of a millimetre.
+fn is_used(vehicle: &str, positions: &[GnssPosition], used: &[(String, Point3<f64>)]) -> bool {
+    let key = |p: &Point3<f64>| [p.x, p.y, p.z].map(|v| (v * 1e4).round() as i64);
+    let own = used.iter().filter(|(id, _)| id == vehicle);
+    let used: std::collections::HashSet<[i64; 3]> = own.map(|(_, position)| key(position)).collect();
+    positions.iter().any(|p| used.contains(&key(&p.position)))
 }
 
 fn evaluate_vehicle(
