@@ -63,6 +63,8 @@ impl Parameter {
 struct Place {
     block: BlockId,
     at: usize,
+    /// What it is counted from: the point that an antenna stands on.
+    from: Option<BlockId>,
     name: &'static str,
     of: Option<String>,
     before: f64,
@@ -81,6 +83,7 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
             all.push(Place {
                 block: interior,
                 at,
+                from: None,
                 name: names[at],
                 of: None,
                 before: before[at],
@@ -91,6 +94,7 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
         all.push(Place {
             block: readout,
             at: 0,
+            from: None,
             name: "readout_s",
             of: None,
             before: problem.shutter.readout_s,
@@ -102,6 +106,7 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
         all.push(Place {
             block: model.terrain_bias(),
             at: 0,
+            from: None,
             name: "terrain_bias_m",
             of: None,
             before: 0.0,
@@ -115,6 +120,7 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
             all.push(Place {
                 block: axle,
                 at: k,
+                from: None,
                 name,
                 of: Some(vehicle.id.clone()),
                 before: USUAL_AXLE[k],
@@ -128,7 +134,9 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
         let known = &receiver.knowledge;
         let mut add = |block: BlockId, at: usize, name, before: f64, sigma_before, value: f64| {
             let of = Some(receiver.name(&problem.vehicles));
-            all.push(Place { block, at, name, of, before, sigma_before, value });
+            let from =
+                if block == antenna { model.shape_point(receiver.vehicle, receiver.point) } else { None };
+            all.push(Place { block, at, from, name, of, before, sigma_before, value });
         };
         let offset = known.clock_offset;
         let before = offset.map_or(0.0, |offset| offset.value_m);
@@ -168,36 +176,36 @@ pub fn parameters(
 ) -> Vec<Parameter> {
     let system = &network.model.system;
     let places = places(problem, estimate, network);
-    let row = |place: &Place| system.range_of(place.block).expect("adjusted").start + place.at;
-    let mut units = DMatrix::zeros(system.size(), places.len());
-    for (column, place) in places.iter().enumerate() {
-        units[(row(place), column)] = 1.0;
-    }
     if places.is_empty() {
         return Vec::new();
     }
-    // Lever arms are those of the antenna, and the shape point moves with it.
+    let mut units = DMatrix::zeros(system.size(), places.len());
+    for (column, place) in places.iter().enumerate() {
+        let mut add = |block: BlockId, sign: f64| {
+            if let Some(range) = system.range_of(block) {
+                units[(range.start + place.at, column)] += sign;
+            }
+        };
+        add(place.block, 1.0);
+        place.from.into_iter().for_each(|from| add(from, -1.0));
+    }
     let columns = covariance.times(&units);
-    let variance = |at: usize| columns[(row(&places[at]), at)];
+    let covariance_of = units.tr_mul(&columns);
+    let variance = |at: usize| covariance_of[(at, at)];
     let mut all: Vec<Parameter> = Vec::new();
     for (at, place) in places.iter().enumerate() {
         let own = variance(at);
         let is_convention = place.sigma_before.is_none()
             && share(network, Source::Convention, columns.column(at).as_slice(), own) > UNDETERMINED;
         let sigma = if is_convention { f64::INFINITY } else { (own * variance_factor).sqrt() };
-        let is_antenna = place.name.starts_with("lever");
-        let is_observable = is_antenna
-            || match place.sigma_before {
-                None => !is_convention,
-                Some(before) => own.sqrt() < NO_NEWS * before,
-            };
+        let is_observable = match place.sigma_before {
+            None => !is_convention,
+            Some(before) => own.sqrt() < NO_NEWS * before,
+        };
         let change = place.value - place.before;
         let step: Vec<f64> = columns.column(at).iter().map(|q| q * change / own).collect();
         let effect = |vehicle: usize| track_shift(estimate, network, vehicle, &step);
-        let effect_m = match is_antenna {
-            true => 0.0,
-            false => (0..network.frames.len()).map(effect).fold(0.0, f64::max),
-        };
+        let effect_m = (0..network.frames.len()).map(effect).fold(0.0, f64::max);
         all.push(Parameter {
             name: place.name,
             of: place.of.clone(),
@@ -210,9 +218,9 @@ pub fn parameters(
             correlated: Vec::new(),
         });
     }
-    for (a, place) in places.iter().enumerate() {
+    for a in 0..places.len() {
         for b in 0..places.len() {
-            let r = columns[(row(place), b)] / (variance(a) * variance(b)).sqrt();
+            let r = covariance_of[(a, b)] / (variance(a) * variance(b)).sqrt();
             if a != b && r.abs() > CORRELATED {
                 let name = all[b].full_name();
                 all[a].correlated.push((name, r));

@@ -91,6 +91,11 @@ impl<'a> Imaging<'a> {
         Imaging { estimate, motion }
     }
 
+    /// The same from the motions of the estimate, where they are wanted as well.
+    pub fn of_motion(motion: RowMotion, estimate: &'a Estimate) -> Self {
+        Imaging { estimate, motion: Some(motion) }
+    }
+
     /// Computed image point of a point of a vehicle; `None` where one of its unknowns has no value or the
     /// camera does not see it.
     pub fn vehicle_px(&self, vehicle: usize, frame: usize, point: usize) -> Option<Vector2<f64>> {

@@ -110,7 +110,7 @@ fn add_at_rows(
 ) -> [GroupId; 2] {
     let camera = Arc::new(problem.camera.clone());
     let motion = RowMotion::new(problem, current);
-    let imaging = Imaging::new(problem, current);
+    let imaging = Imaging::of_motion(motion.clone(), current);
     let share = |computed_px: Option<Vector2<f64>>, observed_px: &Vector2<f64>| {
         camera.row_delay(computed_px.unwrap_or(*observed_px).y)
     };

@@ -9,10 +9,11 @@
 //! makes its mean over a time `h` scatter by `sqrt(q / h)`, so that a prior of one strength fits any
 //! frame rate, irregular times and gaps. `sqrt(q)` is the scatter of the mean over one second.
 
-use crate::geometry::rotation::{log, right_jacobian_inverse};
+use super::twist::{MeanRate, combined};
+use crate::geometry::Pose;
 use crate::nlls::manifold::{Manifold, read_pose};
 use crate::nlls::residual::{Jacobian, Residual};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 /// The times between three neighbouring frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +28,19 @@ impl Steps {
     /// Over what time the acceleration is a mean \[s\].
     pub fn mean_s(&self) -> f64 {
         0.5 * (self.first_s + self.second_s)
+    }
+
+    /// How much a mean velocity changes over that time.
+    pub(super) fn evaluate(
+        &self,
+        x: &[&[f64]; 3],
+        rate: impl Fn(&Pose, &Pose, f64) -> MeanRate,
+        jacobian: Option<&mut Jacobian<3, 3>>,
+    ) -> Vector3<f64> {
+        let [t0, t1, t2] = x.map(read_pose);
+        let rates = [rate(&t0, &t1, self.first_s), rate(&t1, &t2, self.second_s)];
+        let weight = 1.0 / self.mean_s();
+        combined(&rates, &[-weight, weight], jacobian)
     }
 }
 
@@ -48,15 +62,7 @@ impl Residual<3, 3> for Acceleration {
     const MANIFOLDS: [Manifold; 3] = [Manifold::Pose; 3];
 
     fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<3, 3>>) -> Option<Vector3<f64>> {
-        let Steps { first_s, second_s } = self.0;
-        let [p0, p1, p2] = x.map(|x| read_pose(x).translation.vector);
-        let (before, after) = (1.0 / (first_s * self.0.mean_s()), 1.0 / (second_s * self.0.mean_s()));
-        if let Some(jacobian) = jacobian {
-            jacobian.set(0, 0, &(Matrix3::identity() * before));
-            jacobian.set(1, 0, &(Matrix3::identity() * -(before + after)));
-            jacobian.set(2, 0, &(Matrix3::identity() * after));
-        }
-        Some((p2 - p1) * after - (p1 - p0) * before)
+        Some(self.0.evaluate(x, MeanRate::of_position, jacobian))
     }
 }
 
@@ -64,18 +70,7 @@ impl Residual<3, 3> for AngularAcceleration {
     const MANIFOLDS: [Manifold; 3] = [Manifold::Pose; 3];
 
     fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<3, 3>>) -> Option<Vector3<f64>> {
-        let Steps { first_s, second_s } = self.0;
-        let [r0, r1, r2] = x.map(|x| read_pose(x).rotation);
-        let (before, after) = (1.0 / (first_s * self.0.mean_s()), 1.0 / (second_s * self.0.mean_s()));
-        let (first, second) = (log(&(r0.inverse() * r1)), log(&(r1.inverse() * r2)));
-        if let Some(jacobian) = jacobian {
-            // log((R exp(a))^T S exp(b)) = phi - Jr^-1(phi)^T a + Jr^-1(phi) b to first order.
-            let (j1, j2) = (right_jacobian_inverse(&first), right_jacobian_inverse(&second));
-            jacobian.set(0, 3, &(j1.transpose() * before));
-            jacobian.set(1, 3, &-(j2.transpose() * after + j1 * before));
-            jacobian.set(2, 3, &(j2 * after));
-        }
-        Some(second * after - first * before)
+        Some(self.0.evaluate(x, MeanRate::angular, jacobian))
     }
 }
 

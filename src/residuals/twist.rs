@@ -17,7 +17,7 @@ use crate::geometry::rotation::{
     left_jacobian_inverse, left_jacobian_inverse_slope, log, right_jacobian_inverse,
 };
 use crate::geometry::{Pose, skew};
-use crate::nlls::manifold::{Manifold, read_pose};
+use crate::nlls::manifold::Manifold;
 use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Matrix3, Matrix3x6, Vector3};
 
@@ -32,11 +32,7 @@ impl Residual<3, 3> for LinearAcceleration {
     const MANIFOLDS: [Manifold; 3] = [Manifold::Pose; 3];
 
     fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<3, 3>>) -> Option<Vector3<f64>> {
-        let Steps { first_s, second_s } = self.0;
-        let [t0, t1, t2] = x.map(read_pose);
-        let rates = [MeanRate::linear(&t0, &t1, first_s), MeanRate::linear(&t1, &t2, second_s)];
-        let weight = 1.0 / self.0.mean_s();
-        Some(combined(&rates, &[-weight, weight], jacobian))
+        Some(self.0.evaluate(x, MeanRate::linear, jacobian))
     }
 }
 
