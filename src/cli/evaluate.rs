@@ -1,6 +1,7 @@
 //! `trackbundle evaluate`.
 
 use super::Failure;
+use super::evaluation_folder::{self, Evaluated};
 use super::options::{Input, read};
 use super::output::{counted, grouped, print, warn_all};
 use crate::evaluate::clock::{ClockOffset, Shift};
@@ -41,6 +42,11 @@ pub struct Arguments {
     /// What is compared with what
     #[arg(long, value_enum, default_value_t = Associated::Interpolated)]
     association: Associated,
+
+    /// Write report.html, for people, and files for other tools to this folder; a folder that is there and
+    /// is not an evaluation is never touched
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
 
     /// Print the comparison to standard output as JSON
     #[arg(long)]
@@ -94,9 +100,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         (Err(failure), _) | (_, Err(failure)) => return Err(failure),
     };
-    let Input { reference, problem, mut warnings, .. } = input;
+    let Input { inventory, reference, problem, mut warnings } = input;
     let used: Vec<(String, Point3<f64>)> = problem.iter().flat_map(observed_positions).collect();
-    warnings.extend(tracks.warnings);
+    warnings.extend(tracks.warnings.iter().cloned());
 
     let options = EvaluateOptions {
         clock: arguments.clock_offset,
@@ -121,8 +127,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.quiet {
         warn_all(&warnings);
     }
+    let json =
+        evaluation_report(&arguments.problem, &arguments.result, &evaluation, warnings.clone()).to_json();
+    if let Some(target) = &arguments.out {
+        let evaluated = Evaluated {
+            problem_folder: &arguments.problem,
+            result_folder: &arguments.result,
+            name: &inventory.name,
+            problem: problem.as_ref().ok(),
+            tracks: &tracks,
+            reference: &reference,
+            evaluation: &evaluation,
+            warnings: &warnings,
+        };
+        let command = std::env::args().skip(1).collect::<Vec<_>>().join(" ");
+        evaluation_folder::write(target, &evaluated, &json, &format!("trackbundle {command}"))?;
+    }
     if arguments.json {
-        print(&evaluation_report(&arguments.problem, &arguments.result, &evaluation, warnings).to_json())
+        print(&json)
     } else if arguments.quiet {
         Ok(())
     } else {

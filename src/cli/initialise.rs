@@ -1,7 +1,7 @@
 //! `trackbundle initialise`.
 
 use super::Failure;
-use super::options::{Opened, OutputOptions};
+use super::options::{Opened, OutputOptions, command_told};
 use super::output::{counted, describe_resection, grouped, print};
 use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
@@ -42,7 +42,7 @@ enum Dlt {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    let Opened { problem, warnings, read_s } = output.open(&arguments.problem, &arguments.out)?;
+    let Opened { problem, warnings, inputs, read_s } = output.open(&arguments.problem, &arguments.out)?;
 
     let begin = Instant::now();
     let method = match arguments.dlt {
@@ -59,6 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let open = observability(&problem, &initial.estimate);
     report.add_observability(&open);
     report.warnings.splice(0..0, warnings);
+    report.add_origin(command_told(&arguments.problem), &inputs);
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
     let tables = result_tables(&problem, &initial.estimate, &fits, None);

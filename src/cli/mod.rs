@@ -2,6 +2,7 @@
 
 mod check;
 mod evaluate;
+mod evaluation_folder;
 mod initialise;
 mod options;
 mod output;
@@ -68,7 +69,7 @@ enum Failure {
 impl From<PlaceError> for Failure {
     fn from(error: PlaceError) -> Self {
         match error {
-            PlaceError::Occupied(_) => Failure::Usage(error.to_string()),
+            PlaceError::Occupied(..) => Failure::Usage(error.to_string()),
             PlaceError::Io { .. } => Failure::Other(error.to_string()),
         }
     }

@@ -2,11 +2,11 @@
 
 use super::Failure;
 use super::output::{print, warn_all};
-use crate::files::{self, Folder, Inventory};
+use crate::files::{self, Folder, InputFile, Inventory};
 use crate::problem::Problem;
 use crate::reference::{self, Reference};
 use crate::refine::{MotionPrior, Order, Strengths};
-use crate::report::folder::{Staged, check_place};
+use crate::report::folder::{Holds, Staged, check_place};
 use crate::report::{File, Report};
 use clap::Args;
 use std::io::Read;
@@ -98,7 +98,7 @@ impl OutputOptions {
     ) -> Result<PathBuf, Failure> {
         let begin = Instant::now();
         let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
-        let mut staged = Staged::begin(target)?;
+        let mut staged = Staged::begin(target, Holds::Result)?;
         if self.records()? {
             let file = match &self.rrd {
                 Some(file) => staged.path_elsewhere(file),
@@ -141,6 +141,44 @@ fn record(_scene: &trackbundle_viz::Scene, _file: &Path) -> Result<(), String> {
     Err("this build has no Rerun".to_owned())
 }
 
+/// Options that change no number of a result, and whether a value follows.
+const WITHOUT_EFFECT: [(&str, bool); 10] = [
+    ("--out", true),
+    ("--threads", true),
+    ("--rrd", true),
+    ("--no-rrd", false),
+    ("--json", false),
+    ("--quiet", false),
+    ("-q", false),
+    ("--verbose", false),
+    ("-v", false),
+    ("--elimination", true),
+];
+
+/// The command of this process as a report quotes it: without places, and without options that change no
+/// number, so that equal results have equal reports.
+pub fn command_told(problem: &Path) -> String {
+    told(std::env::args().skip(1), problem)
+}
+
+fn told(arguments: impl Iterator<Item = String>, problem: &Path) -> String {
+    let mut told = vec!["trackbundle".to_owned()];
+    let mut arguments = arguments.peekable();
+    while let Some(argument) = arguments.next() {
+        let name = argument.split('=').next().unwrap_or_default();
+        if let Some((_, has_value)) = WITHOUT_EFFECT.iter().find(|(option, _)| *option == name) {
+            if *has_value && !argument.contains('=') {
+                arguments.next();
+            }
+        } else if Path::new(&argument) == problem {
+            told.push("PROBLEM".to_owned());
+        } else {
+            told.push(argument);
+        }
+    }
+    told.join(" ")
+}
+
 /// A problem folder with its references, all of it valid.
 pub struct Input {
     /// What is there.
@@ -159,6 +197,8 @@ pub struct Opened {
     pub problem: Problem,
     /// What is odd in its folder.
     pub warnings: Vec<String>,
+    /// The files that it is from.
+    pub inputs: Vec<InputFile>,
     /// How long it took to read \[s\].
     pub read_s: f64,
 }
@@ -166,15 +206,16 @@ pub struct Opened {
 impl OutputOptions {
     /// Reads the problem of a command that will leave a result at `target`, once it is clear that
     /// the result has a place.
-    pub fn open(&self, problem: &Path, target: &Path) -> Result<Opened, Failure> {
+    pub fn open(&self, folder: &Path, target: &Path) -> Result<Opened, Failure> {
         self.check_recording_place()?;
-        check_place(target)?;
+        check_place(target, Holds::Result)?;
         self.set_threads()?;
         let begin = Instant::now();
-        let Input { problem, warnings, .. } = read(problem)?;
+        let Input { problem, warnings, .. } = read(folder)?;
         self.warn(&warnings);
+        let inputs = files::input_files(folder);
         let problem = computable(problem)?;
-        Ok(Opened { problem, warnings, read_s: begin.elapsed().as_secs_f64() })
+        Ok(Opened { problem, warnings, inputs, read_s: begin.elapsed().as_secs_f64() })
     }
 }
 
@@ -266,6 +307,16 @@ mod tests {
             place("."),
             here.with_file_name(format!("{}-result", here.file_name().unwrap().display()))
         );
+    }
+
+    #[test]
+    fn a_report_quotes_what_changes_numbers() {
+        let of = |text: &str| told(text.split(' ').map(str::to_owned), Path::new("film/"));
+        assert_eq!(
+            of("refine film/ --out x -q --loss huber --threads=2"),
+            "trackbundle refine PROBLEM --loss huber"
+        );
+        assert_eq!(of("refine --loss-shape=-2 --rrd r film/"), "trackbundle refine --loss-shape=-2 PROBLEM");
     }
 
     #[test]

@@ -1,16 +1,22 @@
 //! `trackbundle refine`.
 
 use super::Failure;
-use super::options::{Opened, OutputOptions, default_result_folder, motion_prior, positive, shape};
+use super::options::{
+    Opened, OutputOptions, command_told, default_result_folder, motion_prior, positive, shape,
+};
 use super::output::{counted, describe_resection, grouped, print, progress};
 use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
 use crate::initialise::{Method, initialise};
-use crate::nlls::loss::{DEFAULT_SHAPE, LossName};
+use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::problem::Problem;
 use crate::refine::{
-    Adjusted, Adjustment, Arrangement, MotionPrior, MotionPriors, Reason, RefineOptions, adjust,
+    Adjusted, Adjustment, Arrangement, Excluded, Fits, MotionPrior, MotionPriors, Reason, RefineOptions,
+    adjust,
 };
-use crate::report::{Report, left_out, report_of_adjustment, resection_report, result_tables, states_table};
+use crate::report::{
+    Report, left_out, report_of_adjustment, resection_report, result_tables, start_residuals_table,
+    states_table,
+};
 use crate::scene::scene;
 use clap::Args;
 use std::path::PathBuf;
@@ -75,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(folder) => folder.clone(),
         None => default_result_folder(&arguments.problem)?,
     };
-    let Opened { problem, warnings, read_s } = output.open(&arguments.problem, &target)?;
+    let Opened { problem, warnings, inputs, read_s } = output.open(&arguments.problem, &target)?;
 
     let begin = Instant::now();
     let initial = initialise(&problem, Method::RobustWhereNeeded)?;
@@ -110,6 +116,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     report.resection = resection_report(&problem, initial.resection.as_ref());
     report.warnings.splice(0..0, warnings.into_iter().chain(initial.warnings.iter().cloned()));
+    report.add_origin(command_told(&arguments.problem), &inputs);
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", initialise_s);
     report.seconds.insert("refine", refine_s);
@@ -117,6 +124,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     let precision = diagnosis.as_ref().map(|d| &d.precision);
     let mut tables = result_tables(&problem, estimate, &adjustment.fits, precision);
+    let nothing = Excluded::nothing(&problem);
+    let start = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0, &nothing);
+    tables.push(start_residuals_table(&problem, &start));
     tables.extend(arguments.states.map(|rate_hz| states_table(&problem, estimate, precision, rate_hz)));
     let records: Vec<_> = adjustment.rounds.iter().flat_map(|round| round.records.iter().copied()).collect();
     let draw = |report: &Report| {

@@ -70,6 +70,9 @@ pub struct ClockEstimate {
     pub rejected: usize,
     /// How many independent ones they are worth.
     pub independent: f64,
+    /// How far a drift of the track in x, in y, of 1 m root mean square over the film moves the offset
+    /// \[s/m\]: it is not among what is left.
+    pub by_drift_s: [f64; 2],
     /// Robust standard deviation of what is left, per axis \[m\].
     pub scale_m: f64,
     /// Root mean square distance of what is left and counted \[m\].
@@ -125,7 +128,7 @@ fn search(track: &Curve, reference: &Curve, shift: Shift) -> Result<ClockEstimat
     let candidates = candidates(&comparison, &scanned, 0.5 * track.step_s() * thin as f64)?;
     let best = *candidates.first().ok_or("the tracks have no numbers to compare")?;
     let (estimate, precision) = refine(&comparison, &samples, best.offset_s)?;
-    let Precision { change_mps, sigma_s, independent } = precision;
+    let Precision { change_mps, sigma_s, independent, by_drift_s } = precision;
     let far_s = (3.0 * sigma_s).max(2.0 * GRID_STEP_S);
     // Where the sigma alone is no reason, another minimum may be one.
     let other = candidates.iter().find(|c| {
@@ -153,7 +156,7 @@ fn search(track: &Curve, reference: &Curve, shift: Shift) -> Result<ClockEstimat
             best.offset_s
         ));
     }
-    Ok(ClockEstimate { sigma_s, independent, ..estimate })
+    Ok(ClockEstimate { sigma_s, independent, by_drift_s, ..estimate })
 }
 
 impl Shift {
@@ -263,6 +266,7 @@ fn refine(
         samples: residuals.len(),
         rejected: residuals.len() - counted.len(),
         independent: precision.independent,
+        by_drift_s: precision.by_drift_s,
         scale_m,
         rms_m: (counted.iter().sum::<f64>() / counted.len().max(1) as f64).sqrt(),
     };

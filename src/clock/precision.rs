@@ -11,6 +11,13 @@
 //! longer positive (Geyer, *Practical Markov chain Monte Carlo*, 1992). It is enlarged for the unknowns that
 //! the residuals were fitted with, counted against independent samples.
 //!
+//! What drifts over all of the film does not show in what is left: with a velocity that grows evenly it is
+//! the same as an offset. `by_drift_s` is what such an error would do,
+//!
+//! ```text
+//! | sum_i u_i tau_i | / sum |u|^2,     tau a line of root mean square 1 over the film
+//! ```
+//!
 //! Velocities are noisy, and noise looks like change. `sum |u|^2` is therefore that of the velocities of both
 //! tracks, one times the other, whose noises have nothing in common; each is the slope of a line fitted to
 //! the places nearby, gross errors left out.
@@ -41,6 +48,8 @@ pub struct Precision {
     pub change_mps: f64,
     /// How many independent samples there are.
     pub independent: f64,
+    /// How far a drift of the track in x, in y, of 1 m root mean square moves the offset \[s/m\].
+    pub by_drift_s: [f64; 2],
 }
 
 /// Of the offset at which these samples of the track leave these residuals \[m\] against the reference.
@@ -88,6 +97,12 @@ pub fn precision(
         slope + r.norm_squared() * bend
     };
     let curvature = residuals.iter().map(bend).sum::<f64>() / count;
+    let middle = 0.5 * (first + last);
+    let drift =
+        |(time_s, _): &Sample| 12_f64.sqrt() * (time_s - middle) / (last - first).max(f64::MIN_POSITIVE);
+    let along: Vector2<f64> =
+        samples.iter().zip(&changes).map(|(sample, [own, other])| 0.5 * drift(sample) * (own + other)).sum();
+    let by_drift_s = [along.x, along.y].map(|sum| sum.abs() / information);
     let mean: Vec<Vector2<f64>> = changes.iter().map(|[own, other]| 0.5 * (own + other)).collect();
     let [variance, white, lasting] = correlated(&psi, &mean);
     let independent = count / lasting;
@@ -103,7 +118,7 @@ pub fn precision(
     if !(curvature > 0.0 && sigma_s.is_finite()) {
         return Err("what is left has no scale".to_owned());
     }
-    Ok(Precision { sigma_s, change_mps, independent })
+    Ok(Precision { sigma_s, change_mps, independent, by_drift_s })
 }
 
 /// The slope of a line fitted to the places within `half_s` of each, by their weights \[m/s\]; `None` where

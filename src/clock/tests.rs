@@ -295,3 +295,24 @@ fn numbers_out_of_all_proportion_do_no_harm() {
         let _ = clock_offset(&far(at), &far(at), Shift::Free);
     }
 }
+
+#[test]
+fn a_drift_moves_the_offset_as_far_as_is_told() {
+    let setting = Setting { noise_m: 0.02, offset_s: 0.12, ..Default::default() };
+    let [film, receiver] = setting.curves(&drive);
+    let still = estimated(clock_offset(&film, &receiver, Shift::Free));
+    for axis in 0..2 {
+        // 5 mm root mean square over the film.
+        let drift = |time_s: f64| 0.005 * 12_f64.sqrt() * (time_s / setting.film_s - 0.5);
+        let drifting = film.times_s().iter().map(|time_s| {
+            let mut at = film.at(*time_s).unwrap();
+            at[axis] += drift(*time_s);
+            (*time_s, at, None)
+        });
+        let found = estimated(clock_offset(&Curve::new(drifting), &receiver, Shift::Free));
+        let moved = (found.offset_s - still.offset_s).abs();
+        let told = 0.005 * still.by_drift_s[axis];
+        // To first order: the loss weighs the ends of the film, where the drift is largest, somewhat less.
+        assert!(told > 2e-5 && (moved / told - 1.0).abs() < 0.2, "{axis}: {moved} s, {told} s told");
+    }
+}

@@ -1,14 +1,20 @@
 //! Problem folders in, result rows out and back in: the one place that knows the names of columns and keys.
 
 mod checked;
+mod inputs;
 mod inventory;
 mod problem_folder;
 mod problem_toml;
 mod result_folder;
+mod result_tables;
 pub mod rows;
 mod section;
 
 pub use checked::Folder;
+pub use inputs::{InputFile, input_files};
 pub use inventory::{Inventory, TargetInventory, VehicleInventory};
 pub use problem_folder::read_problem;
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
+pub use result_tables::{
+    RESIDUALS, ResultPoint, ResultResidual, START_RESIDUALS, read_points, read_report, read_residuals,
+};

@@ -78,6 +78,17 @@ const VEHICLE_OBSERVATIONS: &str = "vehicle_observations.csv";
 const VEHICLE_POSES: &str = "vehicle_poses.csv";
 const VEHICLE_POINTS: &str = "vehicle_points.csv";
 const GNSS_OBSERVATIONS: &str = "observations/gnss.csv";
+/// All of them.
+pub const TABLES: [&str; 8] = [
+    FRAMES,
+    CAMERA_POSES,
+    TARGETS,
+    TARGET_OBSERVATIONS,
+    VEHICLE_OBSERVATIONS,
+    VEHICLE_POSES,
+    VEHICLE_POINTS,
+    GNSS_OBSERVATIONS,
+];
 
 impl Reader<'_> {
     fn read_tables(&mut self) -> Tables {

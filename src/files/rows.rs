@@ -87,6 +87,24 @@ input_row!(
     }
 );
 
+input_row!(
+    /// `vehicle_points.csv` of a result read back.
+    VehiclePointResultRow {
+        required vehicle: String, required point: String,
+        required x: Option<f64>, required y: Option<f64>, required z: Option<f64>,
+        optional sigma_x: ResultSigma, optional sigma_y: ResultSigma, optional sigma_z: ResultSigma,
+        optional observations: Option<f64>, optional inliers: Option<f64>, optional rms_px: Option<f64>,
+    }
+);
+
+input_row!(
+    /// `residuals.csv` read back.
+    ResidualRow {
+        required frame: i64, required kind: String, required vehicle: Option<String>, required point: String,
+        required du: f64, required dv: f64, required weight: f64,
+    }
+);
+
 /// The columns of a result table.
 pub trait ResultRow: Serialize {
     /// Their names.
@@ -177,8 +195,12 @@ mod tests {
     use crate::tables::Row;
 
     #[test]
-    fn a_track_is_read_by_the_columns_that_it_is_written_with() {
+    fn results_are_read_by_the_columns_that_they_are_written_with() {
         let read: Vec<&str> = TrajectoryRow::COLUMNS.iter().map(|column| column.name).collect();
         assert_eq!(read, TrajectoryResult::HEADER);
+        let read: Vec<&str> = VehiclePointResultRow::COLUMNS.iter().map(|column| column.name).collect();
+        assert_eq!(read, VehiclePointResult::HEADER);
+        let read: Vec<&str> = ResidualRow::COLUMNS.iter().map(|column| column.name).collect();
+        assert_eq!(read, ResidualResult::HEADER);
     }
 }

@@ -4,19 +4,63 @@ use super::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The file by which a folder is known as a result.
-const REPORT: &str = "report.json";
-/// The files of a result, but for the clouds of vehicles.
-const OWN_FILES: [&str; 8] = [
-    "camera_poses.csv",
-    REPORT,
-    "residuals.csv",
-    "session.rrd",
-    "states.csv",
-    "trajectories.csv",
-    "vehicle_points.csv",
-    "vehicle_poses.csv",
-];
+/// What a folder holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Holds {
+    /// The result of an adjustment, or a first estimate.
+    Result,
+    /// The comparison of a result with references.
+    Evaluation,
+}
+
+impl Holds {
+    /// The file by which a folder is known; it names the program.
+    fn known_by(self) -> &'static str {
+        match self {
+            Holds::Result => "report.json",
+            Holds::Evaluation => "evaluation.json",
+        }
+    }
+
+    /// Beginnings and ends of the names of its files.
+    fn names(self) -> &'static [(&'static str, &'static str)] {
+        match self {
+            Holds::Result => &[
+                ("camera_poses.csv", ""),
+                ("report.json", ""),
+                ("residuals.csv", ""),
+                ("residuals_start.csv", ""),
+                ("session.rrd", ""),
+                ("states.csv", ""),
+                ("trajectories.csv", ""),
+                ("vehicle_points.csv", ""),
+                ("vehicle_poses.csv", ""),
+                ("shape_", ".ply"),
+            ],
+            Holds::Evaluation => &[
+                ("evaluation.json", ""),
+                ("report.html", ""),
+                ("track_differences.csv", ""),
+                ("shape_distances.csv", ""),
+                ("shape_", ".ply"),
+                ("scan_", ".ply"),
+                ("track_", ".tum"),
+                ("reference_", ".tum"),
+                ("track_", ".kitti"),
+                ("evo_", ".zip"),
+            ],
+        }
+    }
+
+    /// Whether a file of this name can be its own.
+    fn owns(self, name: &str) -> bool {
+        self.names().iter().any(|(begin, end)| match *end {
+            "" => name == *begin,
+            end => name.starts_with(begin) && name.ends_with(end),
+        })
+    }
+}
+
 /// The key in it by which it is known as ours.
 pub const PROGRAM_KEY: &str = "program";
 /// Its value.
@@ -37,9 +81,10 @@ pub struct Staged {
 pub enum PlaceError {
     /// Something is there that is not a result, and it is not touched.
     #[error(
-        "{0} exists and is not a result of trackbundle, or holds other files too; it is left as it is (choose another place with --out)"
+        "{0} exists and is not {what} of trackbundle, or holds other files too; it is left as it is (choose another place with --out)",
+        what = match .1 { Holds::Result => "a result", Holds::Evaluation => "an evaluation" }
     )]
-    Occupied(PathBuf),
+    Occupied(PathBuf, Holds),
     /// The place cannot be used.
     #[error("{path}: {source}")]
     Io {
@@ -50,22 +95,21 @@ pub enum PlaceError {
     },
 }
 
-/// Refuses a place where something stands that is not a result.
-pub fn check_place(target: &Path) -> Result<(), PlaceError> {
+/// Refuses a place where something else stands.
+pub fn check_place(target: &Path, holds: Holds) -> Result<(), PlaceError> {
     match std::fs::symlink_metadata(target) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         Err(source) => Err(PlaceError::Io { path: target.to_owned(), source }),
-        Ok(_) if is_result(target) => Ok(()),
-        Ok(_) => Err(PlaceError::Occupied(target.to_owned())),
+        Ok(_) if is_own(target, holds) => Ok(()),
+        Ok(_) => Err(PlaceError::Occupied(target.to_owned(), holds)),
     }
 }
 
-/// Whether a folder holds a result of this program and nothing else.
-fn is_result(folder: &Path) -> bool {
-    let Ok(text) = std::fs::read_to_string(folder.join(REPORT)) else { return false };
+/// Whether a folder was written by this program and holds nothing else.
+fn is_own(folder: &Path, holds: Holds) -> bool {
+    let Ok(text) = std::fs::read_to_string(folder.join(holds.known_by())) else { return false };
     let report: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-    let is_ours =
-        |name: &str| OWN_FILES.contains(&name) || (name.starts_with("shape_") && name.ends_with(".ply"));
+    let is_ours = |name: &str| holds.owns(name);
     report[PROGRAM_KEY] == PROGRAM
         && std::fs::read_dir(folder).is_ok_and(|mut entries| {
             entries.all(|entry| entry.is_ok_and(|entry| entry.file_name().to_str().is_some_and(is_ours)))
@@ -73,9 +117,9 @@ fn is_result(folder: &Path) -> bool {
 }
 
 impl Staged {
-    /// Begins a result at `target`.
-    pub fn begin(target: &Path) -> Result<Self, PlaceError> {
-        check_place(target)?;
+    /// Begins a folder at `target`.
+    pub fn begin(target: &Path, holds: Holds) -> Result<Self, PlaceError> {
+        check_place(target, holds)?;
         // A link to a result stays a link.
         let target = std::fs::canonicalize(target).unwrap_or_else(|_| target.to_owned());
         let stage = beside(&target, "partial");
@@ -165,15 +209,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("deep/result");
         for text in ["one", "two"] {
-            let staged = Staged::begin(&target).unwrap();
+            let staged = Staged::begin(&target, Holds::Result).unwrap();
             staged
-                .write(&file(REPORT, &format!("{{\"program\": \"trackbundle\", \"n\": \"{text}\"}}")))
+                .write(&file("report.json", &format!("{{\"program\": \"trackbundle\", \"n\": \"{text}\"}}")))
                 .unwrap();
             let cloud = format!("shape_{text}.ply");
             staged.write(&file(&cloud, text)).unwrap();
             assert!(!target.join(&cloud).exists());
             staged.publish().unwrap();
-            assert_eq!(names(&target), [REPORT.to_owned(), cloud]);
+            assert_eq!(names(&target), ["report.json".to_owned(), cloud]);
             assert_eq!(names(target.parent().unwrap()), ["result"]);
         }
     }
@@ -181,7 +225,7 @@ mod tests {
     #[test]
     fn what_is_given_up_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        let mut staged = Staged::begin(&folder.path().join("result")).unwrap();
+        let mut staged = Staged::begin(&folder.path().join("result"), Holds::Result).unwrap();
         staged.write(&file("a", "b")).unwrap();
         let elsewhere = staged.path_elsewhere(&folder.path().join("x.rrd"));
         std::fs::write(elsewhere, "half").unwrap();
@@ -192,13 +236,32 @@ mod tests {
     #[test]
     fn a_folder_that_is_no_result_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "empty");
-        std::fs::write(folder.path().join(REPORT), "{\"program\": \"other\"}").unwrap();
-        assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "another's");
-        std::fs::write(folder.path().join(REPORT), "{\"program\": \"trackbundle\"}").unwrap();
-        assert!(check_place(folder.path()).is_ok());
+        assert!(
+            matches!(Staged::begin(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))),
+            "empty"
+        );
+        std::fs::write(folder.path().join("report.json"), "{\"program\": \"other\"}").unwrap();
+        assert!(
+            matches!(Staged::begin(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))),
+            "another's"
+        );
+        std::fs::write(folder.path().join("report.json"), "{\"program\": \"trackbundle\"}").unwrap();
+        assert!(check_place(folder.path(), Holds::Result).is_ok());
         std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
-        assert!(matches!(Staged::begin(folder.path()), Err(PlaceError::Occupied(_))), "with a note");
-        assert_eq!(names(folder.path()), ["notes.txt", REPORT]);
+        assert!(
+            matches!(Staged::begin(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))),
+            "with a note"
+        );
+        assert_eq!(names(folder.path()), ["notes.txt", "report.json"]);
+    }
+
+    #[test]
+    fn results_and_evaluations_do_not_replace_each_other() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("evaluation.json"), "{\"program\": \"trackbundle\"}").unwrap();
+        std::fs::write(folder.path().join("report.html"), "").unwrap();
+        assert!(check_place(folder.path(), Holds::Evaluation).is_ok());
+        assert!(matches!(check_place(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))));
+        assert!(Holds::Evaluation.owns("track_car1.tum") && !Holds::Evaluation.owns("track_car1.csv"));
     }
 }

@@ -8,6 +8,7 @@ use super::diagnosis::{
 use super::folder::PROGRAM;
 use crate::diagnose::observability::Observability;
 use crate::diagnose::{Diagnosis, Verdict};
+use crate::files::InputFile;
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
 use crate::nlls::linear::ordering::Rule;
@@ -20,6 +21,17 @@ use std::collections::BTreeMap;
 /// Version of the form of the report.
 pub const SCHEMA: u32 = 1;
 
+/// A file that was read.
+#[derive(Clone, Debug, Serialize)]
+pub struct InputReport {
+    /// Its name within the problem folder.
+    pub file: String,
+    /// Its length.
+    pub bytes: u64,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+}
+
 /// The report. Units stand in the names; else metres, seconds, degrees.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
@@ -31,6 +43,10 @@ pub struct Report {
     pub version: &'static str,
     /// Name of the problem.
     pub problem: String,
+    /// The command, with what it was told of options that change numbers; `PROBLEM` is the problem folder.
+    pub command: String,
+    /// The files that it read.
+    pub inputs: Vec<InputReport>,
     /// `converged`, `iteration_limit`, `stalled` or `initialised`.
     pub status: &'static str,
     /// Why the last round stopped, with the measured value.
@@ -407,6 +423,8 @@ fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
         program: PROGRAM,
         version: env!("CARGO_PKG_VERSION"),
         problem: problem.name.clone(),
+        command: String::new(),
+        inputs: Vec::new(),
         status: "initialised",
         stop: "not adjusted".to_owned(),
         iterations: 0,
@@ -486,6 +504,17 @@ impl Report {
             report.chi_square = found.chi_square.map(|(value, _)| value);
             report.probability = found.chi_square.map(|(_, probability)| probability);
         }
+    }
+
+    /// Adds what the numbers are from: the command, and the files that it read.
+    pub fn add_origin(&mut self, command: String, inputs: &[InputFile]) {
+        self.command = command;
+        let report = |InputFile { file, bytes, sha256 }: &InputFile| InputReport {
+            file: file.clone(),
+            bytes: *bytes,
+            sha256: sha256.clone(),
+        };
+        self.inputs = inputs.iter().map(report).collect();
     }
 
     /// Its text, as it stands in the folder.

@@ -5,12 +5,14 @@ mod diagnosis;
 mod evaluation;
 pub mod folder;
 mod json;
+mod page;
 mod rounding;
 mod tables;
 
 pub use evaluation::{EvaluationReport, evaluation_report};
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
-pub use tables::{result_tables, states_table};
+pub use page::{PageInput, changed_inputs, page};
+pub use tables::{result_tables, start_residuals_table, states_table};
 
 use crate::estimate::Estimate;
 use crate::problem::Problem;

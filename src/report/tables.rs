@@ -8,6 +8,7 @@ use crate::files::rows::{
     CameraPoseResult, ResidualResult, ResultRow, StateResult, TrajectoryResult, VehiclePointResult,
     VehiclePoseResult,
 };
+use crate::files::{RESIDUALS, START_RESIDUALS};
 use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::Problem;
 use crate::refine::{Fits, ObservationFit};
@@ -26,7 +27,7 @@ pub fn result_tables(
         table("vehicle_poses.csv", vehicle_poses(problem, estimate, precision)),
         table("vehicle_points.csv", vehicle_points(problem, estimate, fits, precision)),
         table("trajectories.csv", trajectories(problem, estimate, precision)),
-        table("residuals.csv", residuals(problem, fits)),
+        table(RESIDUALS, residuals(problem, fits)),
     ];
     for (at, (vehicle, estimate)) in problem.vehicles.iter().zip(&estimate.vehicles).enumerate() {
         if estimate.left_out.is_none() {
@@ -35,6 +36,11 @@ pub fn result_tables(
         }
     }
     files
+}
+
+/// The image residuals of the first estimate.
+pub fn start_residuals_table(problem: &Problem, fits: &Fits) -> File {
+    table(START_RESIDUALS, residuals(problem, fits))
 }
 
 /// Standard deviations of a pose as they are written: position, then roll, pitch and yaw in degrees.

@@ -1,0 +1,177 @@
+//! What a page is made of: sections of text, tables and figures, in a form that the template lays out.
+
+use super::figure::Figure;
+use serde::Serialize;
+
+/// A section.
+#[derive(Clone, Debug, Serialize)]
+pub struct Section {
+    /// Its place in links.
+    pub id: &'static str,
+    /// Its heading.
+    pub title: &'static str,
+    /// What is in it.
+    pub blocks: Vec<Block>,
+}
+
+impl Section {
+    /// An empty section.
+    pub fn new(id: &'static str, title: &'static str) -> Self {
+        Section { id, title, blocks: Vec::new() }
+    }
+
+    /// Adds a paragraph that stands out.
+    pub fn strong(&mut self, text: impl Into<String>) {
+        self.blocks.push(Block::Strong { text: text.into() });
+    }
+
+    /// Adds a paragraph.
+    pub fn text(&mut self, text: impl Into<String>) {
+        self.blocks.push(Block::Text { text: text.into() });
+    }
+
+    /// Says why something is not there.
+    pub fn empty(&mut self, why: impl Into<String>) {
+        self.blocks.push(Block::Empty { why: why.into() });
+    }
+
+    /// Adds a heading below that of the section.
+    pub fn heading(&mut self, text: impl Into<String>) {
+        self.blocks.push(Block::Heading { text: text.into() });
+    }
+
+    /// Adds a table; nothing where it has no rows.
+    pub fn table(&mut self, table: Table) {
+        if !table.rows.is_empty() {
+            self.blocks.push(Block::Table(table));
+        }
+    }
+
+    /// Adds drawings side by side under one caption; says so where there is nothing to draw.
+    pub fn figures(
+        &mut self,
+        name: impl Into<String>,
+        caption: impl Into<String>,
+        drawings: &[(&str, Figure)],
+    ) {
+        let (name, caption) = (name.into(), caption.into());
+        let panels: Vec<Panel> = drawings
+            .iter()
+            .filter_map(|(label, figure)| {
+                Some(Panel { label: (*label).to_owned(), svg: figure.svg(drawings.len() > 1)? })
+            })
+            .collect();
+        if panels.is_empty() {
+            self.empty(format!("{name} is empty: there is nothing to draw."));
+        } else {
+            self.blocks.push(Block::Figure { name, caption, panels });
+        }
+    }
+}
+
+/// A piece of a section.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Block {
+    /// A paragraph.
+    Text {
+        /// Its text.
+        text: String,
+    },
+    /// A paragraph that stands out.
+    Strong {
+        /// Its text.
+        text: String,
+    },
+    /// Why something is not there.
+    Empty {
+        /// The reason.
+        why: String,
+    },
+    /// A heading.
+    Heading {
+        /// Its text.
+        text: String,
+    },
+    /// A list.
+    List {
+        /// Its items.
+        items: Vec<String>,
+    },
+    /// A table.
+    Table(Table),
+    /// Drawings side by side.
+    Figure {
+        /// By which it is quoted.
+        name: String,
+        /// What it shows.
+        caption: String,
+        /// The drawings.
+        panels: Vec<Panel>,
+    },
+}
+
+/// A drawing of a figure.
+#[derive(Clone, Debug, Serialize)]
+pub struct Panel {
+    /// What tells it from its neighbours.
+    pub label: String,
+    /// The drawing.
+    pub svg: String,
+}
+
+/// A table.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Table {
+    /// What it says.
+    pub caption: String,
+    /// Its head.
+    pub head: Vec<String>,
+    /// Its rows.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// A table without rows.
+    pub fn new(caption: impl Into<String>, head: &[&str]) -> Self {
+        let head = head.iter().map(|cell| (*cell).to_owned()).collect();
+        Table { caption: caption.into(), head, rows: Vec::new() }
+    }
+
+    /// Adds a row.
+    pub fn row<const N: usize>(&mut self, cells: [String; N]) {
+        self.rows.push(cells.into());
+    }
+}
+
+/// A number that a reader should see first.
+#[derive(Clone, Debug, Serialize)]
+pub struct Headline {
+    /// What it is of.
+    pub name: String,
+    /// The number with its unit.
+    pub value: String,
+    /// What it means.
+    pub meaning: String,
+    /// More of it.
+    pub more: String,
+    /// Where the rest stands.
+    pub link: &'static str,
+}
+
+/// Metres in centimetres, with their unit.
+pub fn cm(metres: f64) -> String {
+    format!("{}\u{a0}cm", decimal(100.0 * metres, 1))
+}
+
+/// Metres in centimetres, where they are known.
+pub fn cm_or_dash(metres: Option<f64>) -> String {
+    metres.map_or("\u{2013}".to_owned(), cm)
+}
+
+/// A number with so many digits, and a true minus.
+pub fn decimal(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
+    if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
+}

@@ -1,0 +1,143 @@
+//! `report.html`: a result and what it was held against, in one page that needs nothing beside it.
+//!
+//! ```text
+//! report.json, tables, problem, evaluation -> sections (facts, residuals, track) -> template -> bytes
+//! ```
+//!
+//! Figures are drawn by plotters, the page is laid out by minijinja; the template is `page.html`.
+
+mod content;
+mod facts;
+mod figure;
+mod residuals;
+mod track;
+
+use crate::evaluate::Evaluation;
+use crate::files::{InputFile, ResultResidual, ResultTracks};
+use crate::problem::Problem;
+use crate::reference::Reference;
+use content::{Headline, Section};
+use facts::Facts;
+pub use facts::changed_inputs;
+use serde_json::Value;
+
+/// So many vehicles get figures; the others are in the tables.
+const MOST_DRAWN: usize = 8;
+
+/// What a page is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct PageInput<'a> {
+    /// Name of the problem.
+    pub name: &'a str,
+    /// The command that makes the page.
+    pub command: &'a str,
+    /// The problem, where it can be computed.
+    pub problem: Option<&'a Problem>,
+    /// Its files as they are now.
+    pub inputs: &'a [InputFile],
+    /// `report.json` of the result.
+    pub report: &'a Value,
+    /// Image residuals of the first estimate.
+    pub start: Option<&'a [ResultResidual]>,
+    /// Image residuals of the result.
+    pub end: Option<&'a [ResultResidual]>,
+    /// Its tracks.
+    pub tracks: &'a ResultTracks,
+    /// What it is compared with.
+    pub reference: &'a Reference,
+    /// The comparison.
+    pub evaluation: &'a Evaluation,
+    /// What is odd.
+    pub warnings: &'a [String],
+}
+
+/// The page.
+pub fn page(input: &PageInput) -> String {
+    let facts = Facts(input.report);
+    let recorded = input.report.pointer("/command").and_then(Value::as_str).filter(|text| !text.is_empty());
+    let located = |residuals: Option<&[ResultResidual]>| Some(residuals::located(input.problem?, residuals?));
+    let (start, end) = (located(input.start), located(input.end));
+
+    let mut sections = vec![
+        facts::verdict(facts, input.warnings),
+        facts::inputs(facts, [recorded.unwrap_or("not recorded"), input.command], input.inputs),
+        facts::adjusted(facts),
+    ];
+    sections.push(match input.problem {
+        Some(problem) => residuals::section(problem, start.as_deref(), end.as_deref()),
+        None => {
+            let mut section = Section::new("residuals", "Image residuals before and after");
+            section
+                .empty("The problem cannot be computed by this version, so its image points are not known.");
+            section
+        }
+    });
+    sections.push(control(input, end.as_deref()));
+    sections.push(facts::interior(facts, input.problem));
+    sections.push(tracks(input));
+    render(input.name, &headlines(input), &sections)
+}
+
+fn headlines(input: &PageInput) -> Vec<Headline> {
+    match input.evaluation.vehicles.first() {
+        Some(found) => track::headlines(found).into(),
+        None => vec![Headline {
+            name: "Track and speed".to_owned(),
+            value: "not checked".to_owned(),
+            meaning: "there is no GNSS track to hold them against".to_owned(),
+            more: String::new(),
+            link: "track",
+        }],
+    }
+}
+
+fn control(input: &PageInput, end: Option<&[residuals::Located]>) -> Section {
+    let mut section = Section::new("control", "Control and check points");
+    match (input.problem, end) {
+        (Some(problem), _) if problem.targets.is_empty() => {
+            section.empty("The problem has no targets: nothing but the poses as given ties it to the world.");
+            return section;
+        }
+        (Some(problem), Some(end)) => section.table(residuals::by_target(problem, end)),
+        _ => section.empty("Image residuals of targets are not known."),
+    }
+    facts::check_points(&mut section, Facts(input.report));
+    section
+}
+
+fn tracks(input: &PageInput) -> Section {
+    let mut section = Section::new("track", "Track and speed against GNSS");
+    let evaluation = input.evaluation;
+    if evaluation.vehicles.is_empty() {
+        section.empty("No track was compared, so Table 1 and Figures 3 to 5 are empty.");
+    }
+    for (vehicle, why) in &evaluation.not_compared {
+        section.empty(format!("The track of {vehicle} was not compared: {why}."));
+    }
+    for (at, found) in evaluation.vehicles.iter().enumerate() {
+        if at == MOST_DRAWN {
+            let left = evaluation.vehicles.len() - MOST_DRAWN;
+            section.empty(format!("{left} more vehicles are in track_differences.csv and evaluation.json."));
+            break;
+        }
+        let of = |all: &'_ [(String, Vec<_>)]| {
+            all.iter().find(|(id, _)| *id == found.vehicle).map(|(_, t)| t.clone())
+        };
+        let track = of(&input.tracks.tracks).unwrap_or_default();
+        let reference = input.reference.tracks.iter().find(|(id, _)| *id == found.vehicle);
+        let reference = reference.map_or(&[][..], |(_, track)| track.as_slice());
+        track::add(&mut section, found, &track, reference);
+    }
+    section
+}
+
+fn render(title: &str, headlines: &[Headline], sections: &[Section]) -> String {
+    let mut environment = minijinja::Environment::new();
+    environment.set_auto_escape_callback(|_| minijinja::AutoEscape::Html);
+    environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
+    let template =
+        environment.template_from_str(include_str!("page.html")).expect("the template that the tests render");
+    let program = concat!("trackbundle ", env!("CARGO_PKG_VERSION"));
+    let context = minijinja::context! { title, headlines, sections, program, about => "" };
+    template.render(context).expect("the template that the tests render")
+}
