@@ -30,7 +30,7 @@ fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: 
         let is_of_vehicle = |end: &&str| vehicles.iter().any(|id| name.strip_suffix(*end) == Some(id));
         ["gnss.csv", "reference.toml"].contains(&name)
             || scan::is_scan(name, vehicles)
-            || OTHER_FILES.iter().any(|end| is_of_vehicle(&end))
+            || OTHER_FILES.iter().any(is_of_vehicle)
     };
     let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
     let mut names: Vec<String> = entries.flatten().map(name).filter(|name| !is_read(name)).collect();

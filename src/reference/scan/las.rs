@@ -5,7 +5,10 @@ use las::{PointDataBuilder, Reader, raw};
 use laz::laszip::ChunkTable;
 use laz::{LazItemRecordBuilder, LazItemType};
 use nalgebra::Point3;
+use std::cell::Cell;
 use std::io::{Cursor, Seek, SeekFrom};
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+use std::sync::Once;
 
 /// Points that are decoded at once.
 const AT_ONCE: u64 = 1 << 16;
@@ -34,9 +37,41 @@ pub(super) fn read(bytes: &[u8]) -> Result<Cloud, Refusal> {
         // believed: none of them.
         bytes[243..247].fill(0);
     }
-    if is_compressed {
-        check_chunks(&bytes, &header, count)?;
+    if !is_compressed {
+        return decode(bytes);
     }
+    unless_it_panics(|| {
+        check_chunks(&bytes, &header, count)?;
+        decode(bytes)
+    })
+}
+
+thread_local! {
+    /// Whether a panic of this thread is expected and says nothing.
+    static IS_QUIET: Cell<bool> = const { Cell::new(false) };
+}
+
+/// What a decoder gives. That of LAZ takes for granted that its symbols are sound: on damaged data its
+/// assertions may fail, and no look at the file shows it beforehand. Their message goes nowhere; panics
+/// of other threads keep theirs.
+pub(super) fn unless_it_panics(decode: impl FnOnce() -> Result<Cloud, Refusal>) -> Result<Cloud, Refusal> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let before = take_hook();
+        set_hook(Box::new(move |panic| {
+            if !IS_QUIET.get() {
+                before(panic);
+            }
+        }));
+    });
+    IS_QUIET.set(true);
+    let cloud = catch_unwind(AssertUnwindSafe(decode));
+    IS_QUIET.set(false);
+    cloud.unwrap_or_else(|_| Err("damaged compressed data".into()))
+}
+
+/// The points of a file whose header keeps its promises.
+fn decode(bytes: Vec<u8>) -> Result<Cloud, Refusal> {
     let mut reader = Reader::new(Cursor::new(bytes))?;
     let mut buffer = PointDataBuilder::new().for_header(reader.header()).build();
     let mut points = Vec::new();

@@ -459,7 +459,7 @@ fn damaged_files_are_read_or_refused() {
         for _ in 0..200 {
             refused += usize::from(read(&bytes[..rng.random_range(0..bytes.len())]).is_err());
         }
-        assert!(refused >= 100 || matches!(extension, "xyz"), "{name}: {refused}");
+        assert!(refused >= 190 || extension == "xyz", "{name}: {refused}");
         for round in 0..600 {
             let mut damaged = bytes.clone();
             // Headers are short: half of the changes are there.
@@ -470,6 +470,12 @@ fn damaged_files_are_read_or_refused() {
             let _ = read(&damaged);
         }
     }
+}
+
+#[test]
+fn a_panic_of_the_decoder_is_a_refusal() {
+    let refusal = super::las::unless_it_panics(|| panic!("of no interest")).unwrap_err();
+    assert_eq!(refusal.found, "damaged compressed data");
 }
 
 #[test]
