@@ -37,7 +37,7 @@ fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: 
     names.sort();
     if !names.is_empty() {
         findings.warn(format!(
-            "reference: not read (nothing that is named after a vehicle of problem.toml, and not gnss.csv): {}",
+            "reference: not read (neither gnss.csv nor a scan or track of a vehicle of problem.toml): {}",
             names.join(", ")
         ));
     }

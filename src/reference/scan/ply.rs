@@ -102,10 +102,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Cloud, Refusal> {
             None => return Err(format!("no property {axis:?}").into()),
         }
     }
+    let held = reader.get_ref().len();
     for element in header.elements.values() {
         let size = element.count as u128 * least_size(element, header.encoding);
-        if size > bytes.len() as u128 {
-            let found = format!("{} elements {:?} in {} bytes", element.count, element.name, bytes.len());
+        if size > held as u128 {
+            let found = format!("{} elements {:?} in {held} bytes", element.count, element.name);
             return Err(found.into());
         }
     }

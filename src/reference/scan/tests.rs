@@ -370,7 +370,7 @@ fn damaged_ply_scans_are_refused() {
 /// Headers that promise what no file of their size holds.
 #[test]
 fn promises_that_a_file_cannot_hold_are_refused() {
-    let points = car(100, LOCAL);
+    let points = car(400, LOCAL);
     let replaced = |bytes: &[u8], at: usize, with: &[u8]| {
         let mut bytes = bytes.to_vec();
         bytes[at..at + with.len()].copy_from_slice(with);
@@ -387,7 +387,7 @@ fn promises_that_a_file_cannot_hold_are_refused() {
     extended.extend([0; 20]);
     extended.extend(u64::MAX.to_le_bytes());
     extended.extend([0; 32]);
-    assert_eq!(parse("las", &extended).unwrap().points.len(), 100);
+    assert_eq!(parse("las", &extended).unwrap().points.len(), 400);
 
     let layered = las(&points, (1, 4), 7, true);
     let start = u32::from_le_bytes(layered[96..100].try_into().unwrap()) as usize;
@@ -400,20 +400,40 @@ fn promises_that_a_file_cannot_hold_are_refused() {
         let finding = parse("laz", &replaced(&whole, table + 4, &most)).unwrap_err();
         assert!(finding.found.contains("4294967295 chunks"), "{finding}");
         let finding = parse("laz", &replaced(&whole, 107, &60_000_u32.to_le_bytes())).unwrap_err();
-        assert!(finding.found.contains("60000 points"), "{finding}");
+        assert_eq!(finding.found, "60000 points, 50000 of them in chunks");
     }
 
     let text = String::from_utf8(pcd(&points, pcd_rs::DataKind::Ascii, true)).unwrap();
     for (from, to) in
-        [("POINTS 100", "POINTS 18446744073709551615"), ("COUNT 1 1", "COUNT 18446744073709551615 1")]
+        [("POINTS 400", "POINTS 18446744073709551615"), ("COUNT 1 1", "COUNT 18446744073709551615 1")]
     {
         assert!(text.contains(from));
-        assert!(parse("pcd", text.replace(from, to).as_bytes()).is_err(), "{to}");
+        let finding = parse("pcd", text.replace(from, to).as_bytes()).unwrap_err();
+        assert!(finding.found.contains("bytes of data"), "{finding}");
     }
     let packed = pcd(&points, pcd_rs::DataKind::BinaryCompressed, true);
-    let data = packed.windows(18).position(|w| w == b"binary_compressed\n").unwrap() + 18;
-    for at in [data, data + 4] {
-        assert!(parse("pcd", &replaced(&packed, at, &most)).is_err());
+    let place = |what: &[u8]| packed.windows(what.len()).position(|w| w == what).unwrap();
+    let data = place(b"binary_compressed\n") + 18;
+    let more_points = replaced(&packed, place(b"POINTS 400"), b"POINTS 401");
+    // 299,999,999 points of 14 bytes that agree with the header, but not with what can be packed so.
+    let mut inflated = String::from_utf8(packed[..data].to_vec()).unwrap();
+    inflated = inflated.replace("POINTS 400", "POINTS 299999999");
+    let sizes = [packed[data..data + 4].to_vec(), 4_199_999_986_u32.to_le_bytes().to_vec()].concat();
+    let inflated = [inflated.as_bytes(), &sizes, &packed[data + 8..]].concat();
+    let binary = pcd(&points, pcd_rs::DataKind::Binary, true);
+    let short = binary[..binary.len() - 1].to_vec();
+    let resized = [data, data + 4].map(|at| replaced(&packed, at, &most));
+    for damaged in [more_points, inflated, short].into_iter().chain(resized) {
+        let finding = parse("pcd", &damaged).unwrap_err();
+        assert!(finding.found.contains("bytes of data"), "{finding}");
+    }
+
+    let vertices = "element vertex 1\nproperty uchar x\nproperty uchar y\nproperty uchar z\n";
+    for element in ["element empty 99999999999\n", "element face 99\nproperty list uchar int vertex_index\n"]
+    {
+        let text = format!("ply\nformat {LITTLE} 1.0\n{vertices}{element}end_header\n123");
+        let finding = parse("ply", text.as_bytes()).unwrap_err();
+        assert!(finding.found.contains("elements"), "{finding}");
     }
 }
 
