@@ -53,11 +53,11 @@ pub fn shape(vehicle: &Vehicle, estimate: &VehicleEstimate, sigmas: &[Option<[f6
 /// Points with values that belong to them, as a binary PLY file (little endian, all in 64 bits). A
 /// value that is not known is `NaN`.
 ///
-/// A field is the property `scalar_<name>`, blanks of its name as underscores: what CloudCompare writes,
-/// takes for a scalar field when it opens a file, and shows under the bare name, the first field as the
-/// colour of the points (`PlyFilter.cpp` of version 2.14). There, a name with `nx`, `ny`, `nz`, `red`,
-/// `green` or `blue` in it, as in "measured", is taken for a normal or a colour: no field may have
-/// one. Every field has a value for each point.
+/// A field is the property `scalar_<name>`, blanks of its name as underscores: what CloudCompare writes.
+/// In the dialog with which it opens such a file, all fields are already chosen; it shows them under
+/// their bare names, and the points in the colours of the first (`PlyFilter.cpp`). There, a name with
+/// `nx`, `ny`, `nz`, `red`, `green` or `blue` in it, such as "measured", is taken for a normal or a
+/// colour: no field may have one. Every field has a value for each point.
 pub fn cloud_with_scalars(points: &[Point3<f64>], scalars: &[(&str, Vec<Option<f64>>)]) -> Vec<u8> {
     let mut header =
         format!("ply\nformat binary_little_endian 1.0\ncomment metres\nelement vertex {}\n", points.len());
@@ -116,9 +116,14 @@ mod tests {
 
     #[test]
     fn names_that_others_take_for_colours_are_known() {
-        for (name, is_scalar) in
-            [("distance_m", true), ("measured", false), ("any", false), ("in x", true), ("a\nb", false)]
-        {
+        for (name, is_scalar) in [
+            ("distance_m", true),
+            ("measured", false),
+            ("REDUCED", false),
+            ("any", false),
+            ("in x", true),
+            ("a\nb", false),
+        ] {
             assert_eq!(is_scalar_to_others(name), is_scalar, "{name}");
         }
     }
