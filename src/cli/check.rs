@@ -102,8 +102,12 @@ fn describe_reference(reference: &Reference) -> String {
         .tracks
         .iter()
         .map(|(id, track)| format!("GNSS track of {id} ({})", counted(track.len(), "position")));
-    let scans =
-        reference.scans.iter().map(|(id, scan)| format!("scan of {id} ({})", counted(scan.len(), "point")));
+    let scans = reference.scans.iter().map(|(id, scan)| {
+        let (points, triangles) = (scan.points.len(), scan.triangles.len());
+        let surface =
+            if triangles > 0 { format!(", {}", counted(triangles, "triangle")) } else { String::new() };
+        format!("scan of {id} ({}{surface})", counted(points, "point"))
+    });
     let all: Vec<String> = tracks.chain(scans).collect();
     format!("reference   {}\n", if all.is_empty() { "none".to_owned() } else { all.join(", ") })
 }

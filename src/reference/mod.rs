@@ -7,7 +7,7 @@ mod scan;
 
 use crate::tables::Findings;
 pub use gnss::GnssPosition;
-use nalgebra::Point3;
+pub use scan::{Scan, read_cloud};
 use std::path::Path;
 
 /// The references of a problem.
@@ -15,23 +15,29 @@ use std::path::Path;
 pub struct Reference {
     /// Measured positions of each vehicle that has some, in time order.
     pub tracks: Vec<(String, Vec<GnssPosition>)>,
-    /// The scan of each vehicle that has one, in its own frame \[m\].
-    pub scans: Vec<(String, Vec<Point3<f64>>)>,
+    /// The scan of each vehicle that has one, in the frame of its file.
+    pub scans: Vec<(String, Scan)>,
     /// What is odd.
     pub warnings: Vec<String>,
 }
 
+/// What else is read of a vehicle: its name with one of these ends.
+const OTHER_FILES: [&str; 4] = [".matrix.txt", ".pos", ".nmea", ".tum"];
+
 fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings) {
     let Ok(entries) = std::fs::read_dir(problem_folder.join("reference")) else { return };
     let is_read = |name: &str| {
-        name == "gnss.csv" || name.strip_suffix(".ply").is_some_and(|id| vehicles.iter().any(|v| v == id))
+        let is_of_vehicle = |end: &&str| vehicles.iter().any(|id| name.strip_suffix(*end) == Some(id));
+        ["gnss.csv", "reference.toml"].contains(&name)
+            || scan::is_scan(name, vehicles)
+            || OTHER_FILES.iter().any(is_of_vehicle)
     };
     let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
     let mut names: Vec<String> = entries.flatten().map(name).filter(|name| !is_read(name)).collect();
     names.sort();
     if !names.is_empty() {
         findings.warn(format!(
-            "reference: not read (neither gnss.csv nor the .ply of a vehicle of problem.toml): {}",
+            "reference: not read (neither gnss.csv nor a scan or track of a vehicle of problem.toml): {}",
             names.join(", ")
         ));
     }
@@ -56,7 +62,7 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let folder = place.path().join("reference");
         std::fs::create_dir(&folder).unwrap();
-        for name in ["car1.xyz", "ghost.ply"] {
+        for name in ["car1.txt", "car1.pos", "car1.matrix.txt", "ghost.ply", "reference.toml"] {
             std::fs::write(folder.join(name), "x").unwrap();
         }
         let gnss = "vehicle,time_s,x,y,z,antenna\ncar1,0,1,2,3,a\n";
@@ -64,6 +70,6 @@ mod tests {
         let reference = read_reference(place.path(), &["car1".to_owned()]).unwrap();
         assert_eq!(reference.warnings.len(), 2, "{:?}", reference.warnings);
         assert!(reference.warnings[0].contains("antenna"));
-        assert!(reference.warnings[1].ends_with("car1.xyz, ghost.ply"));
+        assert!(reference.warnings[1].ends_with(": car1.txt, ghost.ply"));
     }
 }
