@@ -17,6 +17,7 @@ pub mod tables;
 
 pub mod camera;
 pub mod clock;
+pub mod cloud;
 pub mod nlls;
 pub mod terrain;
 
