@@ -114,6 +114,10 @@ const PLAN: &[(u32, &str, &[&str])] = &[
     ),
 ];
 
+/// Rooms that draw random numbers, most of them in tests alone.
+const RANDOM: &[&str] =
+    &["cloud", "nlls/loss", "nlls/system", "initialise", "refine", "problem", "trajectory", "reference"];
+
 /// Packages that come in by their own doors only. Nalgebra and thiserror are at home everywhere.
 const DOORS: &[(&str, &[&str])] = &[
     ("faer", &["nlls/linear"]),
@@ -134,18 +138,12 @@ const DOORS: &[(&str, &[&str])] = &[
     ("laz", &["reference"]),
     ("e57", &["reference"]),
     ("pcd_rs", &["reference"]),
-    ("rayon", &["nlls/linear", "nlls/system", "nlls/minimise", "initialise", "refine", "diagnose", "cli"]),
-    ("rand", &["nlls/loss", "nlls/system", "initialise", "refine", "problem", "trajectory", "reference"]),
-    (
-        "rand_chacha",
-        &["nlls/loss", "nlls/system", "initialise", "refine", "problem", "trajectory", "reference"],
-    ),
     (
         "rayon",
         &["cloud", "nlls/linear", "nlls/system", "nlls/minimise", "initialise", "refine", "diagnose", "cli"],
     ),
-    ("rand", &["cloud", "nlls/loss", "nlls/system", "initialise", "refine", "problem", "trajectory"]),
-    ("rand_chacha", &["cloud", "nlls/loss", "nlls/system", "initialise", "refine", "problem", "trajectory"]),
+    ("rand", RANDOM),
+    ("rand_chacha", RANDOM),
     ("clap", &["cli"]),
     ("clap_complete", &["cli"]),
     ("indicatif", &["cli"]),
