@@ -3,22 +3,47 @@
 //! Nothing on the way from a problem to its adjustment can open this room.
 
 mod gnss;
+mod quality;
 mod scan;
 
 use crate::tables::Findings;
 pub use gnss::GnssPosition;
 use nalgebra::Point3;
+pub use quality::{QUALITIES, Quality};
 use std::path::Path;
+
+/// The file with a table of tracks.
+const TABLE: &str = "reference/gnss.csv";
 
 /// The references of a problem.
 #[derive(Clone, Debug, Default)]
 pub struct Reference {
     /// Measured positions of each vehicle that has some, in time order.
     pub tracks: Vec<(String, Vec<GnssPosition>)>,
+    /// The file that each of these tracks is from, in the same order.
+    pub sources: Vec<TrackSource>,
     /// The scan of each vehicle that has one, in its own frame \[m\].
     pub scans: Vec<(String, Vec<Point3<f64>>)>,
     /// What is odd.
     pub warnings: Vec<String>,
+}
+
+/// Where a track is from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackSource {
+    /// The vehicle.
+    pub vehicle: String,
+    /// The file, relative to the problem folder.
+    pub file: String,
+    /// Its positions by their quality, best first, where it is told: how many there are, whether they are taken.
+    pub qualities: Vec<(Quality, usize, bool)>,
+}
+
+impl Reference {
+    /// The file that the track of a vehicle is from, or would be.
+    pub fn file_of(&self, vehicle: &str) -> &str {
+        self.sources.iter().find(|source| source.vehicle == vehicle).map_or(TABLE, |source| &source.file)
+    }
 }
 
 fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings) {
@@ -41,10 +66,16 @@ fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: 
 pub fn read_reference(problem_folder: &Path, vehicles: &[String]) -> Result<Reference, Findings> {
     let mut findings = Findings::default();
     let tracks = gnss::read(problem_folder, vehicles, &mut findings);
+    let source = |(vehicle, _): &(String, _)| TrackSource {
+        vehicle: vehicle.clone(),
+        file: TABLE.to_owned(),
+        qualities: Vec::new(),
+    };
+    let sources = tracks.iter().map(source).collect();
     let scans = scan::read(problem_folder, vehicles, &mut findings);
     warn_of_files_not_read(problem_folder, vehicles, &mut findings);
     let warnings = findings.warnings().to_vec();
-    if findings.is_invalid() { Err(findings) } else { Ok(Reference { tracks, scans, warnings }) }
+    if findings.is_invalid() { Err(findings) } else { Ok(Reference { tracks, sources, scans, warnings }) }
 }
 
 #[cfg(test)]
