@@ -76,7 +76,7 @@ const PLAN: &[(u32, &str, &[&str])] = &[
             "nlls/system",
         ],
     ),
-    (6, "evaluate", &["files", "reference", "clock"]),
+    (6, "evaluate", &["files", "reference", "clock", "geometry"]),
     (
         8,
         "report",

@@ -4,9 +4,11 @@ use super::Failure;
 use super::evaluation_folder::{self, Evaluated};
 use super::options::{Input, read};
 use super::output::{counted, grouped, print, warn_all};
+use crate::evaluate::alignment::{Aligned, Alignment};
 use crate::evaluate::clock::{ClockOffset, Shift};
+use crate::evaluate::pairs::Association;
 use crate::evaluate::statistics::Statistics;
-use crate::evaluate::track::{Association, SpeedSource, TrackComparison};
+use crate::evaluate::track::{SpeedSource, TrackComparison};
 use crate::evaluate::{Clock, EvaluateOptions, Evaluation, VehicleEvaluation, evaluate};
 use crate::files::read_tracks;
 use crate::problem::{Problem, Receiver};
@@ -48,6 +50,15 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 
+    /// With --association nearest: what is compared is no farther apart in time [default: half the median
+    /// step of the denser of the two]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    max_gap: Option<f64>,
+
+    /// What may be changed of the result before it is compared, by least squares over what is associated
+    #[arg(long, value_enum, default_value_t = Aligning::None)]
+    alignment: Aligning,
+
     /// Print the comparison to standard output as JSON
     #[arg(long)]
     json: bool,
@@ -69,8 +80,18 @@ enum FreeShift {
 enum Associated {
     /// Every frame with the reference at its time, between its positions
     Interpolated,
-    /// Every position of the reference with the nearest frame
+    /// Every position of the sparser of the two with the nearest of the other
     Nearest,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Aligning {
+    /// Nothing
+    None,
+    /// Rotation and shift
+    Rigid,
+    /// Rotation, shift and scale
+    Similarity,
 }
 
 /// Reads `estimate` or seconds.
@@ -80,6 +101,12 @@ fn clock_offset(text: &str) -> Result<Clock, String> {
     }
     let seconds = text.parse::<f64>().ok().filter(|v| v.is_finite());
     seconds.map(Clock::Given).ok_or_else(|| "wanted estimate, or a number of seconds".to_owned())
+}
+
+/// Reads seconds of at least zero.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
+    seconds.ok_or_else(|| "wanted a number of seconds of at least 0".to_owned())
 }
 
 /// Runs the command.
@@ -112,11 +139,18 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
         association: match arguments.association {
             Associated::Interpolated => Association::Interpolated,
-            Associated::Nearest => Association::Nearest,
+            Associated::Nearest => Association::Nearest { max_gap_s: arguments.max_gap },
+        },
+        alignment: match arguments.alignment {
+            Aligning::None => Alignment::None,
+            Aligning::Rigid => Alignment::Rigid,
+            Aligning::Similarity => Alignment::Similarity,
         },
     };
-    let evaluation =
-        evaluate(&vehicles.unwrap_or_default(), &tracks.tracks, &reference.tracks, &used, &options);
+    if arguments.max_gap.is_some() && matches!(options.association, Association::Interpolated) {
+        warnings.push("--max-gap counts with --association nearest only".to_owned());
+    }
+    let evaluation = evaluate(&vehicles.unwrap_or_default(), &tracks.tracks, &reference, &used, &options);
     let missing: Vec<String> =
         evaluation.not_compared.iter().map(|(vehicle, why)| format!("vehicle {vehicle}: {why}")).collect();
     if evaluation.vehicles.is_empty() {
@@ -124,6 +158,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     warnings.extend(missing.into_iter().map(|missing| format!("not compared: {missing}")));
     warnings.extend(evaluation.vehicles.iter().filter_map(clock_warning));
+    warnings.extend(evaluation.vehicles.iter().filter_map(turn_warning));
     if !arguments.quiet {
         warn_all(&warnings);
     }
@@ -172,14 +207,28 @@ fn clock_warning(found: &VehicleEvaluation) -> Option<String> {
     ))
 }
 
+fn turn_warning(found: &VehicleEvaluation) -> Option<String> {
+    let VehicleEvaluation { vehicle, track, .. } = found;
+    let [_, second_m, _] = track.aligned.spread_m;
+    (!track.aligned.is_turn_determined(track.distances_m.rmse)).then(|| {
+        format!(
+            "vehicle {vehicle}: its track is nearly straight ({second_m:.3} m wide, {:.3} m are left after the \
+             alignment): the turn about it is hardly determined, and with it height and cross slope",
+            track.distances_m.rmse
+        )
+    })
+}
+
 /// The comparison in a few lines.
 fn describe(evaluation: &Evaluation, options: &EvaluateOptions) -> String {
-    let mut text = "differences result minus reference; alignment none\n".to_owned();
+    let mut text = format!("differences result minus reference; alignment {}\n", options.alignment.name());
     text += match options.association {
         Association::Interpolated => {
             "association the reference at the times of frames, between its positions\n"
         }
-        Association::Nearest => "association each position of the reference with the nearest frame\n",
+        Association::Nearest { .. } => {
+            "association each position of the sparser track with the nearest of the other\n"
+        }
     };
     for found in &evaluation.vehicles {
         text += &describe_vehicle(found, options.clock);
@@ -190,22 +239,44 @@ fn describe(evaluation: &Evaluation, options: &EvaluateOptions) -> String {
 fn describe_vehicle(found: &VehicleEvaluation, clock: Clock) -> String {
     let VehicleEvaluation { vehicle, track, .. } = found;
     let mut text = format!(
-        "vehicle     {vehicle}: {} compared of {} and {} of the reference; {} outside, {} in gaps (steps above {:.3} s)\n",
+        "vehicle     {vehicle}: {} compared of {} and {} of the reference; ",
         grouped(track.compared.len()),
         counted(track.positions[0], "frame"),
         counted(track.positions[1], "position"),
-        grouped(track.outside),
-        grouped(track.in_gaps),
-        track.longest_step_s
     );
+    text += &match track.association {
+        Association::Interpolated => format!(
+            "{} outside, {} in gaps (steps above {:.3} s)\n",
+            grouped(track.outside),
+            grouped(track.in_gaps),
+            track.longest_step_s
+        ),
+        Association::Nearest { .. } => {
+            format!("{} without a partner within {:.6} s\n", grouped(track.outside), track.max_gap_s)
+        }
+    };
     let origin = if clock == Clock::Estimated { "estimated" } else { "as given" };
     text += &format!(
         "clock       t_reference = t_video + {:.4} s ({origin}); {}\n",
         track.clock_offset_s,
         describe_clock(&found.clock)
     );
+    text += &describe_alignment(&track.aligned);
     text += &describe_track(track);
     text
+}
+
+fn describe_alignment(aligned: &Aligned) -> String {
+    let [x, y, z] = aligned.shift_m.into();
+    match aligned.alignment {
+        Alignment::None => String::new(),
+        Alignment::Rigid | Alignment::Similarity => format!(
+            "alignment   {}: scale {:.6}, rotation by {:.4} deg, centroid moved by {x:.4} {y:.4} {z:.4} m\n",
+            aligned.alignment.name(),
+            aligned.scale,
+            aligned.angle_rad().to_degrees()
+        ),
+    }
 }
 
 fn describe_clock(clock: &ClockOffset) -> String {
@@ -246,6 +317,11 @@ fn describe_track(track: &TrackComparison) -> String {
         }
         None => text += "along track no direction: the reference hardly moves\n",
     }
+    let distances = &track.distances_m;
+    text += &format!(
+        "distance    rmse {:.4} m, mean {:.4}, median {:.4}, std {:.4}, min {:.4}, max {:.4}\n",
+        distances.rmse, distances.mean, distances.median, distances.std, distances.min, distances.max
+    );
     let [ce90, le90] = track.circular_linear_90_m;
     text += &format!("CE90, LE90  {ce90:.4} m, {le90:.4} m\n");
     match &track.speed_mps {
@@ -269,6 +345,21 @@ fn describe_track(track: &TrackComparison) -> String {
         }
         None => text += "speed       not known in either track\n",
     }
+    text += &match &track.heading_deg {
+        Some(heading) => row("heading", "heading", "deg", heading),
+        None => "heading     not known in either track\n".to_owned(),
+    };
+    if let Some(course) = &track.course_deg {
+        text += &row("course", "course", "deg", course);
+    }
+    if track.heading_deg.is_some() || track.course_deg.is_some() {
+        text += &format!(
+            "            against the course of the reference: of the body's x axis (sigma {} deg), and of the track \
+             itself over {:.2} s\n",
+            number(track.sigma_heading_deg, 4),
+            2.0 * track.course_step_s
+        );
+    }
     let sigmas = |sigmas: &[Option<f64>; 3]| sigmas.map(|sigma| number(sigma, 4)).join(" ");
     text += &format!(
         "sigma       x y z, median: result {} m, reference {} m\n",
@@ -287,6 +378,14 @@ fn describe_track(track: &TrackComparison) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn gaps_are_read() {
+        assert_eq!(seconds("0.02"), Ok(0.02));
+        for wrong in ["", "-0.1", "nan", "inf", "some"] {
+            assert!(seconds(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn offsets_are_read() {

@@ -1,20 +1,24 @@
 //! A result held against what it was never adjusted to.
 //!
-//! Tracks are compared with GNSS positions: clocks ([`clock`]), association in time ([`curve`]), and
-//! what is left ([`track`], [`statistics`]). Nothing is aligned: a difference is result minus reference
-//! as they stand. `docs/evaluate.md` has the formulas.
+//! Tracks are compared with GNSS positions: clocks ([`clock`]), association in time ([`pairs`], [`curve`]),
+//! and what is left ([`track`], [`statistics`]). A difference is result minus reference, as they stand
+//! unless an alignment is asked for ([`alignment`]). `docs/evaluate.md` has the formulas.
 
+pub mod alignment;
+pub mod pairs;
 pub mod statistics;
 pub mod track;
 
 pub use crate::clock;
 pub use crate::clock::curve;
 use crate::files::TrackPosition;
-use crate::reference::GnssPosition;
+use crate::reference::{GnssPosition, Reference};
+use alignment::Alignment;
 use clock::{ClockOffset, Shift, clock_offset};
 use curve::Curve;
 use nalgebra::Point3;
-use track::{Association, TrackComparison, compare};
+use pairs::Association;
+use track::{Comparison, TrackComparison, compare};
 
 /// Which offset of the receiver's clock is applied: `t_reference = t_video + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +38,8 @@ pub struct EvaluateOptions {
     pub shift: Shift,
     /// What is compared with what.
     pub association: Association,
+    /// What may be changed of the result before it is compared.
+    pub alignment: Alignment,
 }
 
 impl Default for EvaluateOptions {
@@ -42,6 +48,7 @@ impl Default for EvaluateOptions {
             clock: Clock::Given(0.0),
             shift: Shift::Free,
             association: Association::Interpolated,
+            alignment: Alignment::None,
         }
     }
 }
@@ -72,6 +79,8 @@ impl VehicleEvaluation {
 /// The comparison of a result.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Evaluation {
+    /// What might be changed of a result before.
+    pub alignment: Alignment,
     /// Of the vehicles that have two tracks.
     pub vehicles: Vec<VehicleEvaluation>,
     /// The others, and why they were not compared.
@@ -83,23 +92,23 @@ pub struct Evaluation {
 pub fn evaluate(
     vehicles: &[String],
     result: &[(String, Vec<TrackPosition>)],
-    reference: &[(String, Vec<GnssPosition>)],
+    reference: &Reference,
     used: &[(String, Point3<f64>)],
     options: &EvaluateOptions,
 ) -> Evaluation {
-    let mut evaluation = Evaluation::default();
+    let mut evaluation = Evaluation { alignment: options.alignment, ..Evaluation::default() };
     for vehicle in vehicles {
         let track = result.iter().find(|(id, _)| id == vehicle).map(|(_, track)| track.as_slice());
-        let positions = reference.iter().find(|(id, _)| id == vehicle).map(|(_, track)| track.as_slice());
+        let positions =
+            reference.tracks.iter().find(|(id, _)| id == vehicle).map(|(_, track)| track.as_slice());
+        let file = "reference/gnss.csv";
         let compared = match (track, positions) {
-            (None, None) => Err("neither the result nor reference/gnss.csv has its track".to_owned()),
+            (None, None) => Err(format!("neither the result nor {file} has its track")),
             (None, Some(_)) => Err("the result has no track of it".to_owned()),
-            (Some(_), None) => Err("reference/gnss.csv has no position of it".to_owned()),
-            (Some(_), Some(positions)) if is_used(vehicle, positions, used) => {
-                Err("positions of reference/gnss.csv are observations (observations/gnss.csv): what was adjusted \
-                     to is no check"
-                    .to_owned())
-            }
+            (Some(_), None) => Err(format!("{file} has no position of it")),
+            (Some(_), Some(positions)) if is_used(vehicle, positions, used) => Err(format!(
+                "positions of {file} are observations (observations/gnss.csv): what was adjusted to is no check"
+            )),
             (Some(track), Some(positions)) => evaluate_vehicle(vehicle, track, positions, options),
         };
         match compared {
@@ -134,6 +143,8 @@ fn evaluate_vehicle(
             return Err(format!("the offset of its clock cannot be estimated: {why}"));
         }
     };
-    let track = compare(track, reference, &reference_curve, offset_s, options.association)?;
+    let EvaluateOptions { association, alignment, .. } = *options;
+    let comparison = Comparison { offset_s, association, alignment };
+    let track = compare(track, &curve, reference, &reference_curve, &comparison)?;
     Ok(VehicleEvaluation { vehicle: vehicle.to_owned(), clock, track })
 }

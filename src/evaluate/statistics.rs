@@ -43,6 +43,47 @@ impl Statistics {
     }
 }
 
+/// Distances of pairs in a few numbers, by the names of `evo` \[m\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distances {
+    /// How many there are.
+    pub count: usize,
+    /// Root mean square.
+    pub rmse: f64,
+    /// Mean.
+    pub mean: f64,
+    /// Median.
+    pub median: f64,
+    /// Root mean square deviation from the mean.
+    pub std: f64,
+    /// The least.
+    pub min: f64,
+    /// The largest.
+    pub max: f64,
+    /// Sum of squares \[m^2\].
+    pub sse: f64,
+}
+
+impl Distances {
+    /// Of these; `None` without any.
+    pub fn of(distances: &[f64]) -> Option<Self> {
+        let count = distances.len() as f64;
+        let mean = distances.iter().sum::<f64>() / count;
+        let sse: f64 = distances.iter().map(|d| d * d).sum();
+        let spread: f64 = distances.iter().map(|d| (d - mean).powi(2)).sum();
+        Some(Distances {
+            count: distances.len(),
+            rmse: (sse / count).sqrt(),
+            mean,
+            median: median(distances.to_vec())?,
+            std: (spread / count).sqrt(),
+            min: quantile(distances.to_vec(), 0.0)?,
+            max: quantile(distances.to_vec(), 1.0)?,
+            sse,
+        })
+    }
+}
+
 /// How wide a histogram is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfWidth {
@@ -95,6 +136,14 @@ mod tests {
         assert!((found.abs_95 - (4.0 + 0.8 * 96.0)).abs() < 1e-12);
         assert_eq!(median(vec![3.0, 1.0, 2.0, 10.0]), Some(2.5));
         assert_eq!((Statistics::of(&[]), median(vec![])), (None, None));
+    }
+
+    #[test]
+    fn distances_by_hand() {
+        let found = Distances::of(&[3.0, 1.0, 4.0, 4.0]).unwrap();
+        assert_eq!((found.count, found.mean, found.median, found.min, found.max), (4, 3.0, 3.5, 1.0, 4.0));
+        assert_eq!((found.sse, found.rmse, found.std), (42.0, 10.5_f64.sqrt(), 1.5_f64.sqrt()));
+        assert_eq!(Distances::of(&[]), None);
     }
 
     #[test]

@@ -13,7 +13,7 @@ const FILE: &str = "trajectories.csv";
 const SAME_TIME_S: f64 = 1e-3;
 
 /// A place of a track of a result.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackPosition {
     /// Number of the frame.
     pub frame: i64,
@@ -23,10 +23,16 @@ pub struct TrackPosition {
     pub position: Point3<f64>,
     /// Horizontal speed \[m/s\], where there is one.
     pub speed_mps: Option<f64>,
+    /// Heading of the body's x axis, counter-clockwise from the world's x axis \[deg\].
+    pub heading_deg: Option<f64>,
     /// Standard deviation per axis \[m\]; `None` where it was not computed or nothing determines the axis.
     pub sigma_m: [Option<f64>; 3],
     /// Covariance of x and y \[m^2\], likewise.
     pub covariance_xy_m2: Option<f64>,
+    /// Standard deviation of the speed \[m/s\], likewise.
+    pub sigma_speed_mps: Option<f64>,
+    /// Standard deviation of the heading \[deg\], likewise.
+    pub sigma_heading_deg: Option<f64>,
 }
 
 /// The tracks of a result folder.
@@ -85,8 +91,11 @@ pub fn read_tracks(
                 time_s: row.time_s,
                 position: Point3::new(row.x, row.y, row.z),
                 speed_mps: row.speed_mps,
+                heading_deg: row.heading_deg,
                 sigma_m: [row.sigma_x.known(), row.sigma_y.known(), row.sigma_z.known()],
                 covariance_xy_m2: row.cov_xy,
+                sigma_speed_mps: row.sigma_speed_mps.known(),
+                sigma_heading_deg: row.sigma_heading_deg.known(),
             }),
         }
     }
@@ -128,6 +137,10 @@ mod tests {
         let first = found.tracks[0].1[0];
         assert_eq!(first.sigma_m, [Some(0.1), Some(0.2), None]);
         assert_eq!((first.covariance_xy_m2, first.speed_mps), (Some(-0.001), None));
+        assert_eq!(
+            (first.heading_deg, first.sigma_speed_mps, first.sigma_heading_deg),
+            (Some(90.0), Some(0.3), None)
+        );
         assert_eq!(found.tracks[0].1[1].speed_mps, Some(5.0));
     }
 

@@ -1,14 +1,43 @@
-//! Alignment of two point sets: the rigid motion that brings one onto the other.
+//! Alignment of two point sets: the rigid motion, or the similarity, that brings one onto the other.
+//!
+//! Source: Umeyama, *Least-squares estimation of transformation parameters between two point
+//! patterns*, IEEE PAMI 13 (1991).
 
 use super::Pose;
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// The rigid motion `to_from_from` with the least sum of squared distances, or `None` where the
-/// points do not determine it (fewer than three, or all on one line).
-///
-/// Source: Umeyama, *Least-squares estimation of transformation parameters between two point
-/// patterns*, IEEE PAMI 13 (1991), without its scale.
+/// points do not determine it (fewer than three, or all on one line). Umeyama's, without his scale.
 pub fn rigid_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Pose> {
+    let Turn { rotation, means: [from_mean, to_mean], .. } = turn(from, to)?;
+    let translation = to_mean - rotation * from_mean;
+    Some(Pose::from_parts(Translation3::from(translation), rotation))
+}
+
+/// The similarity `to = scale * (R from) + t` with the least sum of squared distances: its scale, and
+/// `R` and `t` as a pose (which does not contain the scale). `None` where [`rigid_fit`] has none.
+///
+/// ```text
+/// scale = tr(D S) / sum |from - mean|^2        (Umeyama 1991, equations 40 to 42)
+/// ```
+pub fn similarity_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<(f64, Pose)> {
+    let Turn { rotation, means: [from_mean, to_mean], trace } = turn(from, to)?;
+    let square: f64 = from.iter().map(|point| (point.coords - from_mean).norm_squared()).sum();
+    let scale = trace / square;
+    let translation = to_mean - scale * (rotation * from_mean);
+    scale.is_finite().then(|| (scale, Pose::from_parts(Translation3::from(translation), rotation)))
+}
+
+/// The rotation between two point sets about their centroids.
+struct Turn {
+    rotation: UnitQuaternion<f64>,
+    /// Centroids of both.
+    means: [Vector3<f64>; 2],
+    /// The trace of `D S`: of the singular values of their covariance, with the sign of the last.
+    trace: f64,
+}
+
+fn turn(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Turn> {
     assert_eq!(from.len(), to.len(), "points come in pairs");
     if from.len() < 3 {
         return None;
@@ -16,6 +45,9 @@ pub fn rigid_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Pose> {
     let (from_mean, to_mean) = (centroid(from), centroid(to));
     let covariance: Matrix3<f64> =
         from.iter().zip(to).map(|(a, b)| (b.coords - to_mean) * (a.coords - from_mean).transpose()).sum();
+    if !covariance.iter().all(|value| value.is_finite()) {
+        return None;
+    }
     let svd = covariance.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
     let mut singular = svd.singular_values.as_slice().to_vec();
@@ -29,8 +61,7 @@ pub fn rigid_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Pose> {
     signs[smallest] = (u.determinant() * v_t.determinant()).signum();
     let rotation = Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&signs) * v_t);
     let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
-    let translation = to_mean - rotation * from_mean;
-    Some(Pose::from_parts(Translation3::from(translation), rotation))
+    Some(Turn { rotation, means: [from_mean, to_mean], trace: svd.singular_values.dot(&signs) })
 }
 
 /// The rigid fit on the best `share` of the pairs: the fit is repeated on the pairs that lie
@@ -83,6 +114,46 @@ mod tests {
     }
 
     #[test]
+    fn a_known_similarity_is_found() {
+        let motion = pose([1.0, -2.0, 0.5], [0.9, 0.1, -0.3, 0.2]);
+        let moved =
+            |p: &Point3<f64>| Point3::from(1.7 * (motion.rotation * p.coords) + motion.translation.vector);
+        let moved: Vec<_> = body().iter().map(moved).collect();
+        let (scale, found) = similarity_fit(&body(), &moved).unwrap();
+        assert!((scale - 1.7).abs() < 1e-13, "{scale}");
+        assert!((found.translation.vector - motion.translation.vector).norm() < 1e-12);
+        assert!(found.rotation.angle_to(&motion.rotation) < 1e-7);
+    }
+
+    #[test]
+    fn no_similarity_beside_the_fit_is_better() {
+        // Points that do not fit, mirrored ones too: a step in any of the seven parameters makes it worse.
+        for mirrored in [1.0, -1.0] {
+            let other: Vec<_> = (0..20)
+                .map(|i| f64::from(i) * 0.9)
+                .map(|i| Point3::new(mirrored * (1.2 * i).sin(), (2.0 * i).cos() + 0.3, (0.7 * i).sin()))
+                .collect();
+            let (scale, motion) = similarity_fit(&body(), &other).unwrap();
+            let cost = |scale: f64, motion: &Pose| -> f64 {
+                let moved =
+                    |p: &Point3<f64>| scale * (motion.rotation * p.coords) + motion.translation.vector;
+                body().iter().zip(&other).map(|(a, b)| (moved(a) - b.coords).norm_squared()).sum()
+            };
+            let least = cost(scale, &motion);
+            for sign in [1e-4, -1e-4] {
+                assert!(cost(scale + sign, &motion) > least);
+                for axis in 0..3 {
+                    let step = sign * Vector3::ith(axis, 1.0);
+                    let shifted = Translation3::from(step) * motion;
+                    let turned = UnitQuaternion::from_scaled_axis(step);
+                    let turned = Pose::from_parts(motion.translation, turned * motion.rotation);
+                    assert!(cost(scale, &shifted) > least && cost(scale, &turned) > least, "{axis}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn foreign_points_are_trimmed() {
         let motion = pose([1.0, -2.0, 0.5], [0.9, 0.1, -0.3, 0.2]);
         let mut moved: Vec<_> = body().iter().map(|p| motion * p).collect();
@@ -105,5 +176,8 @@ mod tests {
         let line: Vec<_> = (0..5).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
         assert!(rigid_fit(&line, &line).is_none());
         assert!(rigid_fit(&line[..2], &line[..2]).is_none());
+        assert!(similarity_fit(&line, &line).is_none());
+        let far: Vec<_> = body().iter().map(|p| p * 1e300).collect();
+        assert!(similarity_fit(&far, &far).is_none(), "what overflows determines nothing");
     }
 }

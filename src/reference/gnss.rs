@@ -17,7 +17,7 @@ input_row!(
 );
 
 /// A measured position.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GnssPosition {
     /// Time on the receiver's clock \[s\].
     pub time_s: f64,

@@ -45,7 +45,8 @@ fn parse(text: &str, file: &str, findings: &mut Findings) -> Option<Pose> {
     for (at, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
         let is_apart = |c: char| c.is_whitespace() || c == ',' || c == ';';
         let cells: Vec<&str> = line.split(is_apart).filter(|cell| !cell.is_empty()).collect();
-        let numbers: Vec<f64> = cells.iter().filter_map(|c| c.parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+        let numbers: Vec<f64> =
+            cells.iter().filter_map(|c| c.parse().ok()).filter(|v: &f64| v.is_finite()).collect();
         match <[f64; 4]>::try_from(numbers) {
             Ok(row) if cells.len() == 4 => rows.push(row),
             _ => {
@@ -62,7 +63,10 @@ fn parse(text: &str, file: &str, findings: &mut Findings) -> Option<Pose> {
     let turn = Matrix3::new(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]);
     let off = (turn * turn.transpose() - Matrix3::identity()).amax();
     if !(off <= TOLERANCE && turn.determinant() > 0.0) || last != [0.0, 0.0, 0.0, 1.0] {
-        let found = format!("determinant {:.6}, off right angles by {off:.2e}, last row {last:?}", turn.determinant());
+        let found = format!(
+            "determinant {:.6}, off right angles by {off:.2e}, last row {last:?}",
+            turn.determinant()
+        );
         findings.error(Finding::of_file(file, wanted, &found));
         return None;
     }

@@ -2,11 +2,13 @@
 
 use super::folder::PROGRAM;
 use super::json::SCHEMA;
+use crate::evaluate::alignment::{Aligned, Alignment};
 use crate::evaluate::clock::ClockOffset;
 use crate::evaluate::curve::GAP_STEPS;
-use crate::evaluate::statistics::Statistics;
-use crate::evaluate::track::{Association, LEAST_SPEED_MPS, SpeedSource, TrackComparison};
+use crate::evaluate::statistics::{Distances, Statistics};
+use crate::evaluate::track::{LEAST_SPEED_MPS, SpeedSource, TrackComparison};
 use crate::evaluate::{Evaluation, VehicleEvaluation};
+use crate::geometry::quaternion_wxyz;
 use serde::Serialize;
 use std::path::Path;
 
@@ -24,7 +26,7 @@ pub struct EvaluationReport {
     pub problem: String,
     /// The result folder.
     pub result: String,
-    /// How the tracks were aligned: `none`.
+    /// What might be changed of the result before: `none`, `rigid` or `similarity`.
     pub alignment: &'static str,
     /// One for each vehicle that was compared.
     pub vehicles: Vec<VehicleReport>,
@@ -94,7 +96,7 @@ pub struct TrackReport {
     pub reference_positions: usize,
     /// Frames that were compared.
     pub compared: usize,
-    /// Frames outside the time of the reference (`nearest`: its positions without a frame).
+    /// Frames outside the time of the reference (`nearest`: of the sparser track, what has no partner).
     pub outside: usize,
     /// Frames in its gaps.
     pub in_gaps: usize,
@@ -102,6 +104,12 @@ pub struct TrackReport {
     pub longest_step_s: f64,
     /// Such a step in median steps.
     pub gap_steps: f64,
+    /// `nearest`: the greatest difference of time that was allowed.
+    pub max_gap_s: f64,
+    /// What was applied to the result, where something might be.
+    pub aligned: Option<AlignedReport>,
+    /// Distances in space.
+    pub distances: DistancesReport,
     /// Along x.
     pub x: StatisticsReport,
     /// Along y.
@@ -128,6 +136,14 @@ pub struct TrackReport {
     pub speed_source: Option<&'static str>,
     /// Median speed of the reference.
     pub median_speed_mps: Option<f64>,
+    /// Heading of the result's body less the direction in which the reference moves, in degrees.
+    pub heading: Option<StatisticsReport>,
+    /// Direction in which the result moves less that of the reference, in degrees.
+    pub course: Option<StatisticsReport>,
+    /// The course of the result is from its places so long before and after a frame.
+    pub course_step_s: f64,
+    /// Median standard deviation of the result's heading.
+    pub sigma_heading_deg: Option<f64>,
     /// Median standard deviations of the result along x, y, z.
     pub sigma_m: [Option<f64>; 3],
     /// The same of the reference.
@@ -136,6 +152,64 @@ pub struct TrackReport {
     pub chi_square_per_freedom: Option<f64>,
     /// Frames that it is from.
     pub chi_square_count: usize,
+}
+
+/// An alignment: `reference = scale * rotation * result + translation`.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct AlignedReport {
+    /// The scale.
+    pub scale: f64,
+    /// The angle of the rotation.
+    pub rotation_deg: f64,
+    /// The rotation, scalar first.
+    pub quaternion_wxyz: [f64; 4],
+    /// The translation.
+    pub translation_m: [f64; 3],
+    /// How far the centroid of what was associated was moved.
+    pub shift_m: [f64; 3],
+    /// Standard deviations of the result's positions along their principal axes.
+    pub spread_m: [f64; 3],
+}
+
+impl AlignedReport {
+    fn of(aligned: &Aligned) -> Option<Self> {
+        (aligned.alignment != Alignment::None).then(|| AlignedReport {
+            scale: aligned.scale,
+            rotation_deg: aligned.angle_rad().to_degrees(),
+            quaternion_wxyz: quaternion_wxyz(&aligned.motion),
+            translation_m: aligned.motion.translation.vector.into(),
+            shift_m: aligned.shift_m.into(),
+            spread_m: aligned.spread_m,
+        })
+    }
+}
+
+/// Distances in a few numbers, by the names of `evo`.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct DistancesReport {
+    /// How many there are.
+    pub count: usize,
+    /// Root mean square.
+    pub rmse: f64,
+    /// Mean.
+    pub mean: f64,
+    /// Median.
+    pub median: f64,
+    /// Root mean square deviation from the mean.
+    pub std: f64,
+    /// The least.
+    pub min: f64,
+    /// The largest.
+    pub max: f64,
+    /// Sum of squares.
+    pub sse: f64,
+}
+
+impl From<Distances> for DistancesReport {
+    fn from(found: Distances) -> Self {
+        let Distances { count, rmse, mean, median, std, min, max, sse } = found;
+        DistancesReport { count, rmse, mean, median, std, min, max, sse }
+    }
 }
 
 /// Differences in a few numbers.
@@ -178,7 +252,7 @@ pub fn evaluation_report(
         version: env!("CARGO_PKG_VERSION"),
         problem: problem.display().to_string(),
         result: result.display().to_string(),
-        alignment: "none",
+        alignment: evaluation.alignment.name(),
         vehicles: evaluation.vehicles.iter().map(vehicle_report).collect(),
         not_compared: not_compared
             .map(|(vehicle, why)| NotComparedReport { vehicle: vehicle.clone(), why: why.clone() })
@@ -219,10 +293,7 @@ fn track_report(found: &TrackComparison) -> TrackReport {
     let [x, y, z] = found.axes_m.map(StatisticsReport::from);
     let turned = |at: usize| found.along_across_m.map(|both| both[at].into());
     TrackReport {
-        association: match found.association {
-            Association::Interpolated => "interpolated",
-            Association::Nearest => "nearest",
-        },
+        association: found.association.name(),
         frames: found.positions[0],
         reference_positions: found.positions[1],
         compared: found.compared.len(),
@@ -230,6 +301,9 @@ fn track_report(found: &TrackComparison) -> TrackReport {
         in_gaps: found.in_gaps,
         longest_step_s: found.longest_step_s,
         gap_steps: GAP_STEPS,
+        max_gap_s: found.max_gap_s,
+        aligned: AlignedReport::of(&found.aligned),
+        distances: found.distances_m.into(),
         x,
         y,
         z,
@@ -247,6 +321,10 @@ fn track_report(found: &TrackComparison) -> TrackReport {
             SpeedSource::Mixed => "mixed",
         }),
         median_speed_mps: found.median_speed_mps,
+        heading: found.heading_deg.map(StatisticsReport::from),
+        course: found.course_deg.map(StatisticsReport::from),
+        course_step_s: found.course_step_s,
+        sigma_heading_deg: found.sigma_heading_deg,
         sigma_m: found.sigma_m,
         reference_sigma_m: found.reference_sigma_m,
         chi_square_per_freedom: found.chi_square.map(|(value, _)| value),
