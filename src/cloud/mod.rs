@@ -3,9 +3,14 @@
 //! Functions of points in metres; nothing here knows what the points are or where they come from.
 
 pub mod index;
+pub mod m3c2;
+pub mod mesh;
 pub mod plane;
+pub mod statistics;
+pub mod truth;
 
 pub use index::{CloudError, CloudIndex, Nearest, distances};
+pub use statistics::DistanceStatistics;
 
 #[cfg(test)]
 mod tests {

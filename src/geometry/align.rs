@@ -33,6 +33,25 @@ pub fn rigid_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Pose> {
     Some(Pose::from_parts(Translation3::from(translation), rotation))
 }
 
+/// The similarity `to = scale * rotation * from + translation` with the least sum of squared distances:
+/// the scale and the pose. `None` where the points do not determine it (fewer than three, or all on one
+/// line), or where a scale of zero fits best.
+///
+/// Source: Umeyama (1991), equations 40 to 42.
+pub fn similarity_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<(f64, Pose)> {
+    let rotation = rigid_fit(from, to)?.rotation;
+    let (from_mean, to_mean) = (centroid(from), centroid(to));
+    let spread: f64 = from.iter().map(|p| (p.coords - from_mean).norm_squared()).sum();
+    let common: f64 = from
+        .iter()
+        .zip(to)
+        .map(|(a, b)| (b.coords - to_mean).dot(&(rotation * (a.coords - from_mean))))
+        .sum();
+    let scale = common / spread;
+    let translation = to_mean - rotation * from_mean * scale;
+    (scale > 0.0).then(|| (scale, Pose::from_parts(Translation3::from(translation), rotation)))
+}
+
 /// The rigid fit on the best `share` of the pairs: the fit is repeated on the pairs that lie
 /// closest under it until that choice no longer changes (at most 50 times).
 pub fn rigid_fit_trimmed(from: &[Point3<f64>], to: &[Point3<f64>], share: f64) -> Option<Pose> {
@@ -80,6 +99,34 @@ mod tests {
         let found = rigid_fit(&body(), &moved).unwrap();
         assert!((found.translation.vector - motion.translation.vector).norm() < 1e-12);
         assert!(found.rotation.angle_to(&motion.rotation) < 1e-7);
+    }
+
+    #[test]
+    fn a_known_similarity_is_found_and_is_the_least() {
+        let motion = pose([1.0, -2.0, 0.5], [0.9, 0.1, -0.3, 0.2]);
+        let wave = |i: usize| 0.05 * Vector3::new((3.0 * i as f64).sin(), (5.0 * i as f64).cos(), 0.0);
+        let to: Vec<_> = body().iter().map(|p| motion * (p * 1.3)).collect();
+        let (scale, found) = similarity_fit(&body(), &to).unwrap();
+        assert!((scale - 1.3).abs() < 1e-12);
+        assert!((found.translation.vector - motion.translation.vector).norm() < 1e-12);
+        let to: Vec<_> = to.iter().enumerate().map(|(i, p)| p + wave(i)).collect();
+        let (scale, found) = similarity_fit(&body(), &to).unwrap();
+        let cost = |scale: f64, pose: &Pose| -> f64 {
+            body().iter().zip(&to).map(|(a, b)| (pose * (a * scale) - b).norm_squared()).sum()
+        };
+        let least = cost(scale, &found);
+        for nudge in [-1e-3, 1e-3] {
+            assert!(cost(scale + nudge, &found) > least);
+            for axis in 0..3 {
+                let mut moved = found;
+                moved.translation.vector[axis] += nudge;
+                assert!(cost(scale, &moved) > least);
+                let turn = UnitQuaternion::from_scaled_axis(Vector3::ith(axis, nudge));
+                let turned = Pose::from_parts(found.translation, found.rotation * turn);
+                assert!(cost(scale, &turned) > least);
+            }
+        }
+        assert!(similarity_fit(&body()[..2], &to[..2]).is_none());
     }
 
     #[test]
