@@ -124,6 +124,7 @@ const DOORS: &[(&str, &[&str])] = &[
     ("clarabel", &["initialise"]),
     ("argmin", &["nlls/minimise", "clock"]),
     ("kiddo", &["cloud"]),
+    ("rstar", &["cloud"]),
     ("csv", &["tables", "report"]),
     ("serde", &["tables", "files", "reference", "report"]),
     ("serde_json", &["files", "report"]),

@@ -71,7 +71,7 @@ impl CloudIndex {
             return Err(CloudError::TooMany(points.len()));
         }
         for (index, point) in points.iter().enumerate() {
-            if let Some(coordinate) = point.iter().copied().find(|c| !(c.abs() <= LARGEST_M)) {
+            if let Some(coordinate) = no_coordinate(point) {
                 return Err(CloudError::Coordinate { index, coordinate });
             }
         }
@@ -163,6 +163,11 @@ impl CloudIndex {
     }
 }
 
+/// The first coordinate of a point that is none.
+pub(super) fn no_coordinate(point: &Point3<f64>) -> Option<f64> {
+    point.iter().copied().find(|c| c.is_nan() || c.abs() > LARGEST_M)
+}
+
 fn before(a: &Nearest, b: &Nearest) -> std::cmp::Ordering {
     a.distance_m.total_cmp(&b.distance_m).then(a.index.cmp(&b.index))
 }
@@ -175,7 +180,7 @@ pub fn distances(from: &[Point3<f64>], to: &CloudIndex) -> Vec<Nearest> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cloud::tests::{Draws, shell};
+    use crate::cloud::tests::{Draws, scan, shell};
 
     fn brute(from: &Point3<f64>, points: &[Point3<f64>]) -> Vec<Nearest> {
         let mut all: Vec<Nearest> = points
@@ -211,6 +216,24 @@ mod tests {
     #[test]
     fn the_nearest_are_those_of_brute_force() {
         is_as_brute_force_says(&shell(100, 2), shell(3000, 1));
+    }
+
+    /// `tests/clouds/compare.py --golden` writes these numbers, by scipy's k-d tree.
+    #[test]
+    fn distances_to_a_scan_are_those_of_another_program() {
+        let golden = include_str!("../../tests/clouds/nearest_400.txt");
+        let place = |i: u32| {
+            let i = f64::from(i);
+            Point3::new(2.5 * i.sin(), (1.7 * i).cos(), 0.8 + 0.8 * (2.3 * i).sin())
+        };
+        let from: Vec<Point3<f64>> = (0..400).map(place).collect();
+        let found = distances(&from, &CloudIndex::new(scan()).unwrap());
+        assert_eq!(golden.lines().count(), found.len());
+        for (row, found) in golden.lines().zip(found) {
+            let (index, distance) = row.split_once(' ').unwrap();
+            assert_eq!(found.index, index.parse::<usize>().unwrap());
+            assert!((found.distance_m - distance.parse::<f64>().unwrap()).abs() < 1e-12, "{row} {found:?}");
+        }
     }
 
     #[test]

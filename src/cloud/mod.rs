@@ -3,9 +3,16 @@
 //! Functions of points in metres; nothing here knows what the points are or where they come from.
 
 pub mod index;
+pub mod m3c2;
+pub mod mesh;
 pub mod plane;
+pub mod register;
+pub mod statistics;
+pub mod surface;
+pub mod truth;
 
 pub use index::{CloudError, CloudIndex, Nearest, distances};
+pub use statistics::DistanceStatistics;
 
 #[cfg(test)]
 mod tests {
@@ -33,6 +40,18 @@ mod tests {
         }
     }
 
+    /// A scan of a real car.
+    pub fn scan() -> Vec<Point3<f64>> {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/problems/suv-exact/reference/car1.ply");
+        let text = std::fs::read_to_string(path).unwrap();
+        let (_, rows) = text.split_once("end_header\n").unwrap();
+        let point = |row: &str| {
+            let mut numbers = row.split_whitespace().map(|n| n.parse().unwrap());
+            Point3::from([(); 3].map(|()| numbers.next().unwrap()))
+        };
+        rows.lines().map(point).collect()
+    }
+
     /// Points on the faces of a box as large as a car.
     pub fn shell(count: usize, seed: u64) -> Vec<Point3<f64>> {
         let mut draws = Draws::new(seed);
@@ -41,7 +60,7 @@ mod tests {
             .map(|_| {
                 let face = (draws.uniform() * 6.0) as usize;
                 let mut point = half.map(|half| half * (2.0 * draws.uniform() - 1.0));
-                point[face / 2] = half[face / 2] * if face % 2 == 0 { 1.0 } else { -1.0 };
+                point[face / 2] = half[face / 2] * if face.is_multiple_of(2) { 1.0 } else { -1.0 };
                 Point3::from(point)
             })
             .collect()

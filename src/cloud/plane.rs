@@ -35,7 +35,7 @@ impl LocalPlane {
         let mut axes = [0, 1, 2];
         axes.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
         let [least, middle, most] = axes.map(|axis| eigen.eigenvalues[axis].max(0.0));
-        if !(middle > LINE * LINE * most) {
+        if middle <= LINE * LINE * most {
             return None;
         }
         let normal = eigen.eigenvectors.column(axes[0]).into_owned();
