@@ -2,17 +2,20 @@
 
 use super::Failure;
 use super::evaluation_folder::{self, Evaluated};
-use super::options::{Input, read};
+use super::options::{Input, positive, read};
 use super::output::{counted, grouped, print, warn_all};
 use crate::evaluate::alignment::{Aligned, Alignment};
 use crate::evaluate::clock::{ClockOffset, Shift};
 use crate::evaluate::pairs::Association;
+use crate::evaluate::shape::{Registering, ShapeComparison};
 use crate::evaluate::statistics::Statistics;
 use crate::evaluate::track::{SpeedSource, TrackComparison};
-use crate::evaluate::{Clock, EvaluateOptions, Evaluation, VehicleEvaluation, evaluate};
-use crate::files::read_tracks;
+use crate::evaluate::{Clock, EvaluateOptions, Evaluation, VehicleEvaluation, evaluate, evaluate_shapes};
+use crate::files::{read_points, read_tracks};
 use crate::problem::{Problem, Receiver};
+use crate::reference::read_true_shapes;
 use crate::report::evaluation_report;
+use crate::tables::Findings;
 use clap::{Args, ValueEnum};
 use nalgebra::Point3;
 use std::path::PathBuf;
@@ -44,6 +47,14 @@ pub struct Arguments {
     /// What is compared with what
     #[arg(long, value_enum, default_value_t = Associated::Interpolated)]
     association: Associated,
+
+    /// How the shape of a vehicle comes onto its scan
+    #[arg(long, value_enum, default_value_t = Registration::Icp)]
+    registration: Registration,
+
+    /// Distances are also told of points with a standard deviation of at most this alone [m]
+    #[arg(long, value_name = "METRES", default_value_t = 0.1, value_parser = positive)]
+    sigma_limit: f64,
 
     /// Write report.html, for people, and files for other tools to this folder; a folder that is there and
     /// is not an evaluation is never touched
@@ -92,6 +103,16 @@ enum Aligning {
     Rigid,
     /// Rotation, shift and scale
     Similarity,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Registration {
+    /// As both stand: the scan is in the vehicle frame
+    None,
+    /// By the matrix reference/<vehicle>.matrix.txt
+    Given,
+    /// By iterated closest points, from that matrix or, without it, from the vehicle frame
+    Icp,
 }
 
 /// Reads `estimate` or seconds.
@@ -150,10 +171,26 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.max_gap.is_some() && matches!(options.association, Association::Interpolated) {
         warnings.push("--max-gap counts with --association nearest only".to_owned());
     }
-    let evaluation = evaluate(&vehicles.unwrap_or_default(), &tracks.tracks, &reference, &used, &options);
+    let vehicles = vehicles.unwrap_or_default();
+    let mut evaluation = evaluate(&vehicles, &tracks.tracks, &reference, &used, &options);
+    let mut findings = Findings::default();
+    let shapes = read_points(&arguments.result, Some(&vehicles), &mut findings);
+    if findings.is_invalid() {
+        return Err(Failure::Invalid(vec![(arguments.result.clone(), findings)]));
+    }
+    let truths = read_true_shapes(&arguments.problem, &vehicles, &mut findings);
+    if findings.is_invalid() {
+        return Err(Failure::Invalid(vec![(arguments.problem.clone(), findings)]));
+    }
+    let how = match arguments.registration {
+        Registration::None => Registering::None,
+        Registration::Given => Registering::Given,
+        Registration::Icp => Registering::Icp,
+    };
+    evaluate_shapes(&mut evaluation, &vehicles, &shapes, &reference, &truths, how, arguments.sigma_limit);
     let missing: Vec<String> =
         evaluation.not_compared.iter().map(|(vehicle, why)| format!("vehicle {vehicle}: {why}")).collect();
-    if evaluation.vehicles.is_empty() {
+    if evaluation.vehicles.is_empty() && evaluation.shapes.is_empty() && arguments.out.is_none() {
         return Err(Failure::NoSolution(format!("nothing can be compared: {}", missing.join("; "))));
     }
     warnings.extend(missing.into_iter().map(|missing| format!("not compared: {missing}")));
@@ -219,6 +256,42 @@ fn turn_warning(found: &VehicleEvaluation) -> Option<String> {
     })
 }
 
+/// A shape against its scan in a few lines.
+fn describe_shape(found: &ShapeComparison) -> String {
+    let mut text = format!(
+        "shape       {}: {} against {} of {}; registration {}\n",
+        found.vehicle,
+        counted(found.points.len(), "point"),
+        counted(found.scan.len(), "point"),
+        found.file,
+        found.registration_told()
+    );
+    for (name, s) in found.statistics() {
+        text += &format!(
+            "            {name}: median {:.4} m, MAD {:.4} m, 95 % {:.4} m; within 1, 2, 5, 10 cm {}\n",
+            s.median_m,
+            s.mad_m,
+            s.percentiles_m[3],
+            s.within.map(|share| format!("{:.1} %", 100.0 * share)).join(", ")
+        );
+    }
+    if let Some(truth) = &found.truth {
+        let fits = [
+            ("none", Some(&truth.raw)),
+            ("rigid", truth.rigid.as_ref()),
+            ("similarity", truth.similarity.as_ref()),
+        ];
+        for (fit, s) in fits {
+            let Some(s) = s else { continue };
+            text += &format!(
+                "            point to point against the truth, fit {fit}: median {:.4} m, 95 % {:.4} m\n",
+                s.median_m, s.percentiles_m[3]
+            );
+        }
+    }
+    text
+}
+
 /// The comparison in a few lines.
 fn describe(evaluation: &Evaluation, options: &EvaluateOptions) -> String {
     let mut text = format!("differences result minus reference; alignment {}\n", options.alignment.name());
@@ -233,6 +306,7 @@ fn describe(evaluation: &Evaluation, options: &EvaluateOptions) -> String {
     for found in &evaluation.vehicles {
         text += &describe_vehicle(found, options.clock);
     }
+    text += &evaluation.shapes.iter().map(describe_shape).collect::<String>();
     text
 }
 

@@ -6,7 +6,7 @@ use crate::files::{RESIDUALS, ResultTracks, START_RESIDUALS, input_files, read_r
 use crate::problem::Problem;
 use crate::reference::Reference;
 use crate::report::folder::{Holds, Staged};
-use crate::report::{File, PageInput, changed_inputs, page};
+use crate::report::{File, PageInput, changed_inputs, distance_clouds, page};
 use crate::tables::Findings;
 use std::path::{Path, PathBuf};
 
@@ -64,10 +64,11 @@ pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) ->
         evaluation,
         warnings: &warnings,
     });
-    let files: Vec<File> = vec![
+    let mut files: Vec<File> = vec![
         ("report.html".to_owned(), page.into_bytes()),
         ("evaluation.json".to_owned(), json.as_bytes().to_vec()),
     ];
+    files.extend(evaluation.shapes.iter().flat_map(distance_clouds));
     for file in &files {
         staged.write(file).map_err(|error| failed(&error))?;
     }

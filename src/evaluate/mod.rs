@@ -6,13 +6,14 @@
 
 pub mod alignment;
 pub mod pairs;
+pub mod shape;
 pub mod statistics;
 pub mod track;
 
 pub use crate::clock;
 pub use crate::clock::curve;
-use crate::files::TrackPosition;
-use crate::reference::{GnssPosition, Reference};
+use crate::files::{ResultPoint, TrackPosition};
+use crate::reference::{GnssPosition, Reference, TrueShape};
 use alignment::Alignment;
 use clock::{ClockOffset, Shift, clock_offset};
 use curve::Curve;
@@ -85,6 +86,10 @@ pub struct Evaluation {
     pub vehicles: Vec<VehicleEvaluation>,
     /// The others, and why they were not compared.
     pub not_compared: Vec<(String, String)>,
+    /// Of the vehicles that have a shape and a scan.
+    pub shapes: Vec<shape::ShapeComparison>,
+    /// The others, and why.
+    pub shapes_not_compared: Vec<(String, String)>,
 }
 
 /// Compares the tracks of a result with those of the reference, for each of the problem's `vehicles`. A
@@ -119,12 +124,44 @@ pub fn evaluate(
     evaluation
 }
 
+/// Compares the shapes of a result with scans, for each of the problem's `vehicles`.
+pub fn evaluate_shapes(
+    evaluation: &mut Evaluation,
+    vehicles: &[String],
+    shapes: &[(String, Vec<ResultPoint>)],
+    reference: &Reference,
+    truths: &[(String, TrueShape)],
+    how: shape::Registering,
+    limit_m: f64,
+) {
+    for vehicle in vehicles {
+        let points =
+            shapes.iter().find(|(id, _)| id == vehicle).map_or(&[][..], |(_, points)| points.as_slice());
+        let truth = truths.iter().find(|(id, _)| id == vehicle).map(|(_, truth)| truth);
+        match shape::compare_shape(vehicle, points, reference, truth, how, limit_m) {
+            Ok(found) => evaluation.shapes.push(found),
+            Err(why) => evaluation.shapes_not_compared.push((vehicle.clone(), why)),
+        }
+    }
+}
+
 /// Whether any of the positions was an observation of the vehicle, to a tenth of a millimetre.
 fn is_used(vehicle: &str, positions: &[GnssPosition], used: &[(String, Point3<f64>)]) -> bool {
     let key = |p: &Point3<f64>| [p.x, p.y, p.z].map(|v| (v * 1e4).round() as i64);
     let own = used.iter().filter(|(id, _)| id == vehicle);
     let used: std::collections::HashSet<[i64; 3]> = own.map(|(_, position)| key(position)).collect();
     positions.iter().any(|p| used.contains(&key(&p.position)))
+}
+
+/// What a track's own error does to the offset, were it a drift over all of the film as large as its standard
+/// deviations: it is not among what is left, and comes beside it.
+fn with_drift(clock: ClockOffset, track: &[TrackPosition]) -> ClockOffset {
+    let ClockOffset::Estimated(found) = clock else { return clock };
+    let sigma = |axis: usize| {
+        clock::quantile::median(track.iter().filter_map(|at| at.sigma_m[axis]).collect()).unwrap_or(0.0)
+    };
+    let drift_s = (found.by_drift_s[0] * sigma(0)).hypot(found.by_drift_s[1] * sigma(1));
+    ClockOffset::Estimated(clock::ClockEstimate { sigma_s: found.sigma_s.hypot(drift_s), ..found })
 }
 
 fn evaluate_vehicle(
@@ -135,7 +172,7 @@ fn evaluate_vehicle(
 ) -> Result<VehicleEvaluation, String> {
     let curve = Curve::new(track.iter().map(|at| (at.time_s, at.position, None)));
     let reference_curve = Curve::new(reference.iter().map(|at| (at.time_s, at.position, at.velocity_mps)));
-    let clock = clock_offset(&curve, &reference_curve, options.shift);
+    let clock = with_drift(clock_offset(&curve, &reference_curve, options.shift), track);
     let offset_s = match (options.clock, &clock) {
         (Clock::Given(offset_s), _) => offset_s,
         (Clock::Estimated, ClockOffset::Estimated(found)) => found.offset_s,

@@ -155,7 +155,9 @@ pub fn compare_shape(
 ) -> Result<ShapeComparison, String> {
     let of = |(id, _): &&(String, Scan)| id == vehicle;
     let Some((_, scan)) = reference.scans.iter().find(of) else {
-        return Err(format!("there is no scan of it (reference/{vehicle}.ply, .las, .laz, .e57, .pcd or .xyz)"));
+        return Err(format!(
+            "there is no scan of it (reference/{vehicle}.ply, .las, .laz, .e57, .pcd or .xyz)"
+        ));
     };
     if points.is_empty() {
         return Err("the result has no shape of it (vehicle_points.csv)".to_owned());
@@ -235,7 +237,8 @@ fn registered(
             })?;
             let motion = found.fixed_from_moving;
             let count = places.len() as f64;
-            let middle = Point3::from(places.iter().map(|p| p.coords).sum::<nalgebra::Vector3<f64>>() / count);
+            let middle =
+                Point3::from(places.iter().map(|p| p.coords).sum::<nalgebra::Vector3<f64>>() / count);
             let mut notes = Vec::new();
             if !found.undetermined.is_empty() {
                 notes.push(format!(
@@ -264,7 +267,9 @@ fn mesh_distances(scan: &Scan, in_scan: &[Point3<f64>], notes: &mut Vec<String>)
     match MeshIndex::new(&scan.points, &scan.triangles) {
         Ok(mesh) => {
             if !matches!(mesh.enclosure(), Enclosure::Closed) {
-                notes.push("The mesh does not enclose a body: signs of the distances to it mean little.".to_owned());
+                notes.push(
+                    "The mesh does not enclose a body: signs of the distances to it mean little.".to_owned(),
+                );
             }
             Some(mesh.distances(in_scan).iter().map(|found| found.distance_m).collect())
         }

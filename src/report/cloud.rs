@@ -1,7 +1,9 @@
 //! Shapes, and clouds with values at their points, as PLY files.
 
+use super::File;
 use super::rounding::metres;
 use crate::estimate::VehicleEstimate;
+use crate::evaluate::shape::{ComparedPoint, ShapeComparison};
 use crate::problem::Vehicle;
 use nalgebra::Point3;
 use ply_rs_bw::ply::{
@@ -87,6 +89,25 @@ fn is_scalar_to_others(name: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "_ .-".contains(c);
     let property = format!("scalar_{}", name.replace(' ', "_").to_lowercase());
     name.chars().all(is_plain) && !taken.iter().any(|taken| property.contains(taken))
+}
+
+/// The points of a shape and of its scan, each with its distance to the other.
+pub fn distance_clouds(found: &ShapeComparison) -> [File; 2] {
+    let places: Vec<Point3<f64>> = found.points.iter().map(|p| p.in_scan).collect();
+    let field = |of: fn(&ComparedPoint) -> Option<f64>| found.points.iter().map(of).collect::<Vec<_>>();
+    let shape = cloud_with_scalars(
+        &places,
+        &[
+            ("distance_m", field(|p| Some(p.nearest_m))),
+            ("to_plane_m", field(|p| Some(p.plane_m))),
+            ("to_mesh_m", field(|p| p.mesh_m)),
+            ("sigma_m", field(|p| p.sigma_m)),
+        ],
+    );
+    let back = found.from_scan_m.iter().copied().map(Some).collect();
+    let scan = cloud_with_scalars(&found.scan, &[("distance_m", back)]);
+    let vehicle = &found.vehicle;
+    [(format!("shape_{vehicle}.ply"), shape), (format!("scan_{vehicle}.ply"), scan)]
 }
 
 #[cfg(test)]

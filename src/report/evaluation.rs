@@ -2,9 +2,11 @@
 
 use super::folder::PROGRAM;
 use super::json::SCHEMA;
+use crate::cloud::DistanceStatistics;
 use crate::evaluate::alignment::{Aligned, Alignment};
 use crate::evaluate::clock::ClockOffset;
 use crate::evaluate::curve::GAP_STEPS;
+use crate::evaluate::shape::{Registering, ShapeComparison};
 use crate::evaluate::statistics::{Distances, Statistics};
 use crate::evaluate::track::{LEAST_SPEED_MPS, SpeedSource, TrackComparison};
 use crate::evaluate::{Evaluation, VehicleEvaluation};
@@ -32,6 +34,10 @@ pub struct EvaluationReport {
     pub vehicles: Vec<VehicleReport>,
     /// The others.
     pub not_compared: Vec<NotComparedReport>,
+    /// One for each vehicle whose shape was compared with a scan.
+    pub shapes: Vec<ShapeReport>,
+    /// The others.
+    pub shapes_not_compared: Vec<NotComparedReport>,
     /// What is odd.
     pub warnings: Vec<String>,
 }
@@ -238,6 +244,107 @@ impl From<Statistics> for StatisticsReport {
     }
 }
 
+/// A shape against a scan.
+#[derive(Clone, Debug, Serialize)]
+pub struct ShapeReport {
+    /// The vehicle.
+    pub vehicle: String,
+    /// The file of the scan.
+    pub scan: String,
+    /// How the points came onto it: `none`, `given` or `icp`.
+    pub registration: &'static str,
+    /// `scan_from_vehicle`: position, then the quaternion, scalar first.
+    pub scan_from_vehicle: [f64; 7],
+    /// How far the registration moved the middle of the shape.
+    pub moved_m: f64,
+    /// How far it turned it.
+    pub turned_deg: f64,
+    /// Share of the points that belong to the scan, by iterated closest points.
+    pub overlap: Option<f64>,
+    /// How many directions the clouds do not determine.
+    pub undetermined: usize,
+    /// Points to the nearest point of the scan.
+    pub to_scan: DistanceReport,
+    /// The same weighted by the standard deviations of the points.
+    pub to_scan_weighted: Option<DistanceReport>,
+    /// The same of points with a standard deviation of at most `limit_m`.
+    pub to_scan_limited: Option<DistanceReport>,
+    /// That limit.
+    pub limit_m: f64,
+    /// Points to the local plane of the scan.
+    pub to_plane: DistanceReport,
+    /// Points to the mesh, positive outside.
+    pub to_mesh: Option<DistanceReport>,
+    /// The scan to the nearest point.
+    pub from_scan: DistanceReport,
+    /// Point to point against the truth, as they stand.
+    pub truth_raw: Option<DistanceReport>,
+    /// After a rigid fit.
+    pub truth_rigid: Option<DistanceReport>,
+    /// After a similarity fit.
+    pub truth_similarity: Option<DistanceReport>,
+    /// The scale of that.
+    pub truth_scale: Option<f64>,
+}
+
+/// Distances in a few numbers.
+#[derive(Clone, Debug, Serialize)]
+pub struct DistanceReport {
+    /// How many.
+    pub count: usize,
+    /// The middle one.
+    pub median_m: f64,
+    /// Median absolute deviation.
+    pub mad_m: f64,
+    /// Mean.
+    pub mean_m: f64,
+    /// Root mean square.
+    pub rms_m: f64,
+    /// The largest.
+    pub max_m: f64,
+    /// 50, 68, 90 and 95 % are no larger.
+    pub percentiles_m: [f64; 4],
+    /// Shares within 1, 2, 5 and 10 cm.
+    pub within: [f64; 4],
+}
+
+fn distance_report(found: &DistanceStatistics) -> DistanceReport {
+    let DistanceStatistics { count, median_m, mad_m, mean_m, rms_m, max_m, percentiles_m, within } = *found;
+    DistanceReport { count, median_m, mad_m, mean_m, rms_m, max_m, percentiles_m, within }
+}
+
+fn shape_report(found: &ShapeComparison) -> ShapeReport {
+    let registered = &found.registered;
+    let [x, y, z]: [f64; 3] = registered.scan_from_vehicle.translation.vector.into();
+    let [qw, qx, qy, qz] = quaternion_wxyz(&registered.scan_from_vehicle);
+    let truth = found.truth.as_ref();
+    ShapeReport {
+        vehicle: found.vehicle.clone(),
+        scan: found.file.clone(),
+        registration: match registered.how {
+            Registering::None => "none",
+            Registering::Given => "given",
+            Registering::Icp => "icp",
+        },
+        scan_from_vehicle: [x, y, z, qw, qx, qy, qz],
+        moved_m: registered.moved_m,
+        turned_deg: registered.turned_rad.to_degrees(),
+        overlap: registered.overlap.map(|(share, _)| share),
+        undetermined: registered.undetermined,
+        to_scan: distance_report(&found.to_scan),
+        to_scan_weighted: found.weighted.as_ref().map(distance_report),
+        to_scan_limited: found.limited.as_ref().map(distance_report),
+        limit_m: found.limit_m,
+        to_plane: distance_report(&found.to_plane),
+        to_mesh: found.to_mesh.as_ref().map(distance_report),
+        from_scan: distance_report(&found.from_scan),
+        truth_raw: truth.map(|t| distance_report(&t.raw)),
+        truth_rigid: truth.and_then(|t| t.rigid.as_ref()).map(distance_report),
+        truth_similarity: truth.and_then(|t| t.similarity.as_ref()).map(distance_report),
+        truth_scale: truth.and_then(|t| t.scale),
+    }
+}
+
 /// The report of a comparison.
 pub fn evaluation_report(
     problem: &Path,
@@ -245,7 +352,11 @@ pub fn evaluation_report(
     evaluation: &Evaluation,
     warnings: Vec<String>,
 ) -> EvaluationReport {
-    let not_compared = evaluation.not_compared.iter();
+    let missing = |all: &[(String, String)]| {
+        all.iter()
+            .map(|(vehicle, why)| NotComparedReport { vehicle: vehicle.clone(), why: why.clone() })
+            .collect()
+    };
     EvaluationReport {
         schema: SCHEMA,
         program: PROGRAM,
@@ -254,9 +365,9 @@ pub fn evaluation_report(
         result: result.display().to_string(),
         alignment: evaluation.alignment.name(),
         vehicles: evaluation.vehicles.iter().map(vehicle_report).collect(),
-        not_compared: not_compared
-            .map(|(vehicle, why)| NotComparedReport { vehicle: vehicle.clone(), why: why.clone() })
-            .collect(),
+        not_compared: missing(&evaluation.not_compared),
+        shapes: evaluation.shapes.iter().map(shape_report).collect(),
+        shapes_not_compared: missing(&evaluation.shapes_not_compared),
         warnings,
     }
 }

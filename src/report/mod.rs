@@ -10,6 +10,7 @@ mod rounding;
 mod tables;
 
 pub use cloud::cloud_with_scalars;
+pub use cloud::distance_clouds;
 pub use evaluation::{EvaluationReport, evaluation_report};
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
 pub use page::{PageInput, changed_inputs, page};

@@ -13,8 +13,6 @@ pub mod colour {
     pub const REFERENCE: RGBColor = RGBColor(230, 140, 0);
     /// What is neither.
     pub const OTHER: RGBColor = RGBColor(150, 150, 150);
-    /// What stands out.
-    pub const REJECTED: RGBColor = RGBColor(190, 30, 30);
 }
 
 /// Width of a drawing in its own units, alone and beside another; the page scales it.

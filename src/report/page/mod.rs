@@ -10,6 +10,9 @@ mod content;
 mod facts;
 mod figure;
 mod residuals;
+mod shape;
+#[cfg(test)]
+mod tests;
 mod track;
 
 use crate::evaluate::Evaluation;
@@ -75,20 +78,40 @@ pub fn page(input: &PageInput) -> String {
     sections.push(control(input, end.as_deref()));
     sections.push(facts::interior(facts, input.problem));
     sections.push(tracks(input));
+    sections.push(shapes(input));
     render(input.name, &headlines(input), &sections)
 }
 
 fn headlines(input: &PageInput) -> Vec<Headline> {
-    match input.evaluation.vehicles.first() {
+    let unchecked = |name: &str, why: &str, link| Headline {
+        name: name.to_owned(),
+        value: "not checked".to_owned(),
+        meaning: why.to_owned(),
+        more: String::new(),
+        link,
+    };
+    let mut all: Vec<Headline> = match input.evaluation.vehicles.first() {
         Some(found) => track::headlines(found).into(),
-        None => vec![Headline {
-            name: "Track and speed".to_owned(),
-            value: "not checked".to_owned(),
-            meaning: "there is no GNSS track to hold them against".to_owned(),
-            more: String::new(),
-            link: "track",
-        }],
+        None => vec![unchecked("Track and speed", "there is no GNSS track to hold them against", "track")],
+    };
+    all.push(match input.evaluation.shapes.first() {
+        Some(found) => shape::headline(found),
+        None => unchecked("Shape", "there is no scan to hold it against", "shape"),
+    });
+    all
+}
+
+fn shapes(input: &PageInput) -> Section {
+    let mut section = Section::new("shape", "Shape against the scan");
+    let evaluation = input.evaluation;
+    if evaluation.shapes.is_empty() {
+        section.empty("No shape was compared, so Figures 6 to 8 are empty.");
     }
+    for (vehicle, why) in &evaluation.shapes_not_compared {
+        section.empty(format!("The shape of {vehicle} was not compared: {why}."));
+    }
+    evaluation.shapes.iter().take(MOST_DRAWN).for_each(|found| shape::add(&mut section, found));
+    section
 }
 
 fn control(input: &PageInput, end: Option<&[residuals::Located]>) -> Section {
@@ -117,7 +140,7 @@ fn tracks(input: &PageInput) -> Section {
     for (at, found) in evaluation.vehicles.iter().enumerate() {
         if at == MOST_DRAWN {
             let left = evaluation.vehicles.len() - MOST_DRAWN;
-            section.empty(format!("{left} more vehicles are in track_differences.csv and evaluation.json."));
+            section.empty(format!("{left} more vehicles are in evaluation.json."));
             break;
         }
         let of = |all: &'_ [(String, Vec<_>)]| {

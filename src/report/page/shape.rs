@@ -86,7 +86,20 @@ pub fn add(section: &mut Section, found: &ShapeComparison) {
 fn distances(found: &ShapeComparison) -> Table {
     let mut table = Table::new(
         "Distances",
-        &["of", "count", "median", "MAD", "mean", "rms", "68 %", "95 %", "within 1 cm", "2 cm", "5 cm", "10 cm"],
+        &[
+            "of",
+            "count",
+            "median",
+            "MAD",
+            "mean",
+            "rms",
+            "68 %",
+            "95 %",
+            "within 1 cm",
+            "2 cm",
+            "5 cm",
+            "10 cm",
+        ],
     );
     let mut add = |name: &str, s: &DistanceStatistics| {
         let percent = |share: f64| format!("{}\u{a0}%", decimal(100.0 * share, 1));
@@ -113,10 +126,15 @@ fn distances(found: &ShapeComparison) -> Table {
 
 fn truth(found: &ShapeComparison) -> Option<Table> {
     let errors = found.truth.as_ref()?;
-    let mut table = Table::new("Point to point, against the truth of the problem", &["fit", "count", "median", "rms", "95 %", "within 5 cm", "scale found"]);
-    for (name, s, scale) in
-        [("none", Some(&errors.raw), None), ("rigid", errors.rigid.as_ref(), None), ("similarity", errors.similarity.as_ref(), errors.scale)]
-    {
+    let mut table = Table::new(
+        "Point to point, against the truth of the problem",
+        &["fit", "count", "median", "rms", "95 %", "within 5 cm", "scale found"],
+    );
+    for (name, s, scale) in [
+        ("none", Some(&errors.raw), None),
+        ("rigid", errors.rigid.as_ref(), None),
+        ("similarity", errors.similarity.as_ref(), errors.scale),
+    ] {
         let Some(s) = s else { continue };
         table.row([
             name.to_owned(),
@@ -208,8 +226,10 @@ impl View {
         let mut figure = self.figure("The estimated points");
         let mut from = f64::NEG_INFINITY;
         for (to, label, colour, radius) in CLASSES {
-            let of_class = found.points.iter().zip(places).filter(|(p, _)| p.nearest_m >= from && p.nearest_m < to);
-            let points: Vec<[f64; 2]> = of_class.filter(|(_, at)| self.is_seen(at)).map(|(_, at)| self.place(at)).collect();
+            let of_class =
+                found.points.iter().zip(places).filter(|(p, _)| p.nearest_m >= from && p.nearest_m < to);
+            let points: Vec<[f64; 2]> =
+                of_class.filter(|(_, at)| self.is_seen(at)).map(|(_, at)| self.place(at)).collect();
             figure.layers.push(Layer::Dots { points, colour, radius, crosses: false, label });
             from = to;
         }
