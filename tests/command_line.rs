@@ -34,6 +34,7 @@ fn the_result_stands_beside_the_problem_and_is_whole() {
         "camera_poses.csv",
         "report.json",
         "residuals.csv",
+        "residuals_start.csv",
         "shape_cart.ply",
         "trajectories.csv",
         "vehicle_points.csv",

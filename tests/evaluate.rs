@@ -180,7 +180,8 @@ fn the_text_has_names_units_and_what_was_done() {
         assert!(text.contains(wanted), "{wanted:?} is not in\n{text}");
     }
     let nearest = folders.command(&["--association", "nearest"]).assert().success();
-    nearest.stdout(predicate::str::contains("association each position of the reference"));
+    nearest
+        .stdout(predicate::str::contains("association each position of the sparser track with the nearest"));
     folders.command(&["--quiet"]).assert().success().stdout("").stderr("");
 }
 
@@ -343,6 +344,8 @@ fn wrong_usage_is_told_apart() {
         ["--clock-offset", "nan"],
         ["--association", "nearly"],
         ["--clock-shift", "some"],
+        ["--alignment", "some"],
+        ["--max-gap", "-1"],
     ] {
         folders.command(&arguments).assert().code(2).stdout("");
     }
@@ -371,6 +374,33 @@ fn the_clock_of_the_minute_drive_is_found() {
     assert!(clock["sigma_s"].as_f64().unwrap() < 0.004, "{clock}");
 }
 
+#[test]
+fn an_alignment_is_stated_and_a_line_refused() {
+    let folders = Folders::new(road);
+    let report = folders.json(&["--alignment", "similarity", "--clock-offset", "0.12"]);
+    let track = &report["vehicles"][0]["track"];
+    assert_eq!(
+        (&report["alignment"], &track["chi_square_per_freedom"]),
+        (&"similarity".into(), &Value::Null)
+    );
+    near(&track["aligned"]["scale"], 1.0, 1e-3);
+    for (axis, wanted) in [-0.1, 0.2, -0.3].into_iter().enumerate() {
+        near(&track["aligned"]["shift_m"][axis], wanted, 2e-3);
+    }
+    near(&track["distances"]["rmse"], 0.0, 0.01);
+    assert_eq!(folders.json(&[])["vehicles"][0]["track"]["aligned"], Value::Null);
+    let text = folders.command(&["--alignment", "rigid", "--clock-offset", "0.12"]).assert().success();
+    text.stdout(
+        predicate::str::contains("alignment rigid\n")
+            .and(predicate::str::contains("alignment   rigid: scale 1.000000, rotation by 0.0")),
+    );
+    let told = folders.command(&["--max-gap", "0.1"]).assert().success();
+    told.stderr(predicate::str::contains("--max-gap counts with --association nearest only"));
+    let line = Folders::new(straight);
+    let refused = line.command(&["--alignment", "rigid"]).assert().code(4).stdout("");
+    refused.stderr(predicate::str::contains("vehicle a: an alignment (rigid) is not determined"));
+}
+
 fn keys(value: &Value, found: &mut BTreeSet<String>) {
     match value {
         Value::Object(map) => map.iter().for_each(|(key, value)| {
@@ -389,7 +419,7 @@ fn every_key_is_in_the_documents_and_the_other_way_round() {
     let two = std::fs::read_to_string(file).unwrap() + "[[vehicle]]\nid = \"b\"\n";
     std::fs::write(file, two).unwrap();
     let mut found = BTreeSet::new();
-    keys(&folders.json(&[]), &mut found);
+    keys(&folders.json(&["--alignment", "rigid"]), &mut found);
     let documents = std::fs::read_to_string(in_package("docs/evaluate.md")).unwrap();
     let section = &documents[documents.find("## What `--json` prints").unwrap()..];
     let rows = section.lines().filter(|line| line.starts_with("| `"));

@@ -7,7 +7,7 @@ use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::Loss;
 use crate::refine::{Excluded, Fits};
-use crate::report::{left_out, report_of_initial, result_tables};
+use crate::report::{left_out, report_of_initial, result_tables, start_residuals_table};
 use crate::scene::scene;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -62,7 +62,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.add_origin(command_told(&arguments.problem), &inputs);
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
-    let tables = result_tables(&problem, &initial.estimate, &fits, None);
+    let mut tables = result_tables(&problem, &initial.estimate, &fits, None);
+    tables.push(start_residuals_table(&problem, &fits));
     let draw = |_: &_| {
         let summary = format!("# {}\n\nFirst estimate, not adjusted.", problem.name);
         scene(&problem, &initial.estimate, &initial.estimate, &fits, &[], summary)

@@ -339,7 +339,7 @@ mod tests {
             let (position, velocity) = around(time_s - 1.0);
             let velocity_mps = with_velocity.then_some(velocity);
             let sigma_m = [Some(0.03), Some(0.04), None];
-            GnssPosition { time_s, position, velocity_mps, sigma_m, ..GnssPosition::default() }
+            GnssPosition { time_s, position, velocity_mps, sigma_m }
         };
         (0..100).map(sample).collect()
     }

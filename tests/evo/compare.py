@@ -1,18 +1,16 @@
 #!/usr/bin/env python3
-"""Holds `trackbundle evaluate` and what it exports against `evo` (https://github.com/MichaelGrupp/evo).
+"""Holds `trackbundle evaluate` against `evo` (https://github.com/MichaelGrupp/evo).
 
-    python3 tests/evo/compare.py target/release/trackbundle [--golden] [--exports FOLDER]
+    python3 tests/evo/compare.py target/release/trackbundle [--golden]
 
 makes a virtual environment (--venv, by default in the folder for temporary files), installs evo 1.38.1 into it, and runs itself there.
-For a film at 30 Hz with a receiver at 5 Hz, and for a film at 5 Hz with a receiver at 30 Hz, their times interleaved,
-the absolute position errors (rmse, mean, median, std, min, max, sse) of `evaluate --json` are compared with those that
+For a film at 29.97 Hz with a receiver at 5 Hz, and for a film at 5 Hz with a receiver at 29.97 Hz, their times
+interleaved, the absolute position errors (rmse, mean, median, std, min, max, sse) of `evaluate --json` are compared with those that
 evo computes from TUM files of the same positions: nearest in time with the same maximum difference, and interpolated
 (evo is given the reference between its samples, which this script computes by its own road), without an alignment,
 rigid and similarity. They must be equal to 1e-9, relative to values above 1.
 
-`--golden` writes the numbers of evo to tests/evo/golden.json, which the ordinary tests hold the program to without
-Python. `--exports FOLDER` opens the files of FOLDER with the programs of evo: *.zip by evo_res, *.tum and *.kitti by
-evo_traj. `cargo test --release --test evo -- --ignored` does it all.
+`--golden` writes the numbers of evo to tests/evo/golden.json, which tests/evo.rs holds the program to without Python.
 """
 
 import argparse
@@ -59,8 +57,8 @@ def receiver_track(rate, count, first):
 
 
 TRACKS = {
-    "film30": (film_track(30.0, 600), receiver_track(5.0, 100, 0.513)),
-    "film5": (film_track(5.0, 100), receiver_track(30.0, 660, -1.013)),
+    "film30": (film_track(29.97, 600), receiver_track(5.0, 100, 0.513)),
+    "film5": (film_track(5.0, 100), receiver_track(29.97, 660, -1.013)),
 }
 
 

@@ -43,7 +43,7 @@ fn every_part_is_there_and_an_empty_one_says_why() {
         "does not say which files it is from",
         "does not say what its datum rests on",
         "The result has no residuals of this problem",
-        "There are no check points",
+        "The problem has no targets",
         "the interior orientation is held as calibrated",
         "so Table 1 and Figures 3 to 5 are empty",
         "so Figures 6 to 8 are empty",
@@ -106,13 +106,16 @@ fn what_a_report_says_is_told() {
         "not there any more",
         "Scale of a: not determined",
         "<td>75.00 %</td>",
-        "<td>1.2\u{a0}cm</td>",
-        "<td>\u{2212}50.0\u{a0}cm</td>",
+        "<td>3.1\u{a0}cm</td>",
         "<td>cy_px 0.970</td>",
         "<li>once</li>",
     ] {
         assert!(html.contains(told), "{told}");
     }
+    let mut section = Section::new("control", "Control and check points");
+    facts::check_points(&mut section, Facts(&report));
+    let table = serde_json::to_string(&section).unwrap();
+    assert!(table.contains("[\"T1\",\"1.2\u{a0}cm\",\"\u{2013}\",\"\u{2212}50.0\u{a0}cm\""), "{table}");
     assert_eq!(changed_inputs(&report, &[]), ["problem.toml"]);
     let same = InputFile { file: "problem.toml".to_owned(), bytes: 12345, sha256: "00ff".to_owned() };
     assert!(changed_inputs(&report, &[same]).is_empty());

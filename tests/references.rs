@@ -1,0 +1,196 @@
+//! A result against scans, as a page and as numbers; and that no reference reaches an adjustment.
+
+mod support;
+
+use nalgebra::Point3;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+use support::score::rows;
+use support::{copy_folder, in_package, program};
+use tempfile::TempDir;
+
+fn refine(problem: &Path) -> (TempDir, PathBuf) {
+    let place = tempfile::tempdir().unwrap();
+    let result = place.path().join("result");
+    program()
+        .arg("refine")
+        .arg(problem)
+        .arg("--out")
+        .arg(&result)
+        .args(["--no-rrd", "-q"])
+        .assert()
+        .success();
+    (place, result)
+}
+
+fn suv() -> PathBuf {
+    in_package("problems/suv-exact")
+}
+
+static RESULT: LazyLock<(TempDir, PathBuf)> = LazyLock::new(|| refine(&suv()));
+
+fn evaluate(arguments: &[&str]) -> assert_cmd::Command {
+    let mut command = program();
+    command.arg("evaluate").arg(suv()).arg(&RESULT.1).args(arguments);
+    command
+}
+
+fn json(arguments: &[&str]) -> Value {
+    let output = evaluate(arguments).args(["--json", "-q"]).assert().success().get_output().stdout.clone();
+    serde_json::from_slice(&output).unwrap()
+}
+
+/// The vertices of an ASCII cloud.
+fn scan() -> Vec<Point3<f64>> {
+    let text = std::fs::read_to_string(suv().join("reference/car1.ply")).unwrap();
+    let body = text.split("end_header\n").nth(1).unwrap();
+    let number = |cell: Option<&str>| cell.unwrap().parse::<f64>().unwrap();
+    let point = |line: &str| {
+        let mut cells = line.split_whitespace();
+        Point3::new(number(cells.next()), number(cells.next()), number(cells.next()))
+    };
+    body.lines().filter(|line| !line.is_empty()).map(point).collect()
+}
+
+#[test]
+fn distances_to_the_scan_are_those_of_a_plain_loop() {
+    let found = json(&["--registration", "none"]);
+    let to_scan = &found["shapes"][0]["to_scan"];
+    let scan = scan();
+    let cell = |row: &std::collections::BTreeMap<String, String>, name: &str| row[name].parse::<f64>();
+    let mut nearest: Vec<f64> = rows(&RESULT.1.join("vehicle_points.csv"))
+        .iter()
+        .filter_map(|row| Some(Point3::new(cell(row, "x").ok()?, cell(row, "y").ok()?, cell(row, "z").ok()?)))
+        .map(|p| scan.iter().map(|q| (p - q).norm()).fold(f64::INFINITY, f64::min))
+        .collect();
+    nearest.sort_by(f64::total_cmp);
+    assert_eq!(to_scan["count"], nearest.len());
+    assert!((to_scan["median_m"].as_f64().unwrap() - nearest[nearest.len() / 2]).abs() < 1e-12);
+    assert!((to_scan["max_m"].as_f64().unwrap() - nearest[nearest.len() - 1]).abs() < 1e-12);
+    let within = nearest.iter().filter(|d| **d <= 0.05).count() as f64 / nearest.len() as f64;
+    assert!((to_scan["within"][2].as_f64().unwrap() - within).abs() < 1e-12);
+}
+
+#[test]
+fn the_shape_of_the_paper_is_within_five_centimetres_of_its_scan() {
+    let found = json(&[]);
+    let shape = &found["shapes"][0];
+    let within = shape["to_scan"]["within"][2].as_f64().unwrap();
+    assert!(within > 0.9, "{shape:#}");
+    // Registration finds that shape and scan stand in the same frame.
+    assert!(
+        shape["moved_m"].as_f64().unwrap() < 0.02 && shape["turned_deg"].as_f64().unwrap() < 0.5,
+        "{shape:#}"
+    );
+    assert!((shape["truth_scale"].as_f64().unwrap() - 1.0).abs() < 0.02, "{shape:#}");
+}
+
+#[test]
+fn the_folder_appears_whole_and_alike_and_replaces_its_own_kind_only() {
+    let place = tempfile::tempdir().unwrap();
+    let target = place.path().join("proof");
+    let run = || evaluate(&["-q", "--out"]).arg(&target).assert();
+    let read = || {
+        let mut files: Vec<(String, Vec<u8>)> = std::fs::read_dir(&target)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .map(|path| {
+                (path.file_name().unwrap().to_str().unwrap().to_owned(), std::fs::read(path).unwrap())
+            })
+            .collect();
+        files.sort();
+        files
+    };
+    run().success();
+    let first = read();
+    let names: Vec<&str> = first.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["evaluation.json", "report.html", "scan_car1.ply", "shape_car1.ply"]);
+    let html = String::from_utf8(first[1].1.clone()).unwrap();
+    for part in [
+        "Table 1",
+        "Figure 3",
+        "Figure 4",
+        "Figure 5",
+        "Figure 6",
+        "Figure 7",
+        "Figure 8",
+        "of its points are within 5 cm",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    run().success();
+    assert!(read() == first, "the same bytes");
+    std::fs::write(target.join("notes.txt"), "mine").unwrap();
+    run().code(2);
+    assert_eq!(read().len(), 5);
+}
+
+#[test]
+fn a_matrix_is_where_the_scan_stands() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    copy_folder(&suv(), &problem);
+    // The scan in map coordinates, turned by a quarter.
+    let moved: String = scan()
+        .iter()
+        .map(|p| format!("{:.6} {:.6} {:.6}\n", 500_000.0 - p.y, 3_900_000.0 + p.x, 50.0 + p.z))
+        .collect();
+    std::fs::remove_file(problem.join("reference/car1.ply")).unwrap();
+    std::fs::write(problem.join("reference/car1.xyz"), moved).unwrap();
+    let evaluate = |registration: &str| {
+        let mut command = program();
+        command.arg("evaluate").arg(&problem).arg(&RESULT.1).args([
+            "--registration",
+            registration,
+            "--json",
+            "-q",
+        ]);
+        let output = command.assert().success().get_output().stdout.clone();
+        serde_json::from_slice::<Value>(&output).unwrap()
+    };
+    for registration in ["given", "icp"] {
+        let why = evaluate(registration)["shapes_not_compared"][0]["why"].as_str().unwrap().to_owned();
+        assert!(why.contains("car1.matrix.txt"), "{why}");
+    }
+    let matrix = "0 1 0 -3900000\n-1 0 0 500000\n0 0 1 -50\n0 0 0 1\n";
+    std::fs::write(problem.join("reference/car1.matrix.txt"), matrix).unwrap();
+    let here = json(&["--registration", "none"]);
+    let there = evaluate("given");
+    let median = |found: &Value| found["shapes"][0]["to_scan"]["median_m"].as_f64().unwrap();
+    assert!((median(&here) - median(&there)).abs() < 1e-6);
+    assert!((median(&json(&[])) - median(&evaluate("icp"))).abs() < 1e-5);
+}
+
+#[test]
+fn no_reference_changes_a_byte_of_an_adjustment() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    copy_folder(&suv(), &problem);
+    std::fs::write(problem.join("reference/gnss.csv"), "vehicle,time_s,x,y,z\ncar1,0,9,9,9\ncar1,1,-9,9,9\n")
+        .unwrap();
+    std::fs::write(
+        problem.join("reference/car1.ply"),
+        std::fs::read(in_package("problems/drive-60s/reference/car1.ply")).unwrap(),
+    )
+    .unwrap();
+    let other = refine(&problem);
+    std::fs::remove_dir_all(problem.join("reference")).unwrap();
+    std::fs::remove_dir_all(problem.join("truth")).unwrap();
+    let without = refine(&problem);
+    for entry in std::fs::read_dir(&RESULT.1).unwrap() {
+        let name = entry.unwrap().file_name();
+        let read = |folder: &Path| -> Vec<u8> {
+            let bytes = std::fs::read(folder.join(&name)).unwrap();
+            if name != "report.json" {
+                return bytes;
+            }
+            let mut report: Value = serde_json::from_slice(&bytes).unwrap();
+            report["seconds"] = Value::Null;
+            report.to_string().into_bytes()
+        };
+        for folder in [&other.1, &without.1] {
+            assert!(read(&RESULT.1) == read(folder), "{}", name.display());
+        }
+    }
+}
