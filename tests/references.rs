@@ -45,7 +45,8 @@ fn json(arguments: &[&str]) -> Value {
 fn scan() -> Vec<Point3<f64>> {
     let text = std::fs::read_to_string(suv().join("reference/car1.ply")).unwrap();
     let body = text.split("end_header\n").nth(1).unwrap();
-    let number = |cell: Option<&str>| cell.unwrap().parse::<f64>().unwrap();
+    // Its properties are floats.
+    let number = |cell: Option<&str>| f64::from(cell.unwrap().parse::<f32>().unwrap());
     let point = |line: &str| {
         let mut cells = line.split_whitespace();
         Point3::new(number(cells.next()), number(cells.next()), number(cells.next()))
@@ -73,11 +74,12 @@ fn distances_to_the_scan_are_those_of_a_plain_loop() {
 }
 
 #[test]
-fn the_shape_of_the_paper_is_within_five_centimetres_of_its_scan() {
+fn most_of_the_shape_is_within_five_centimetres_of_its_scan_and_nearly_all_of_the_truth() {
     let found = json(&[]);
     let shape = &found["shapes"][0];
-    let within = shape["to_scan"]["within"][2].as_f64().unwrap();
-    assert!(within > 0.9, "{shape:#}");
+    // The scanner saw one side of the car; points of the other are far from anything that it measured.
+    let within = |of: &str| shape[of]["within"][2].as_f64().unwrap();
+    assert!(within("to_scan") > 0.65 && within("truth_rigid") > 0.93, "{shape:#}");
     // Registration finds that shape and scan stand in the same frame.
     assert!(
         shape["moved_m"].as_f64().unwrap() < 0.02 && shape["turned_deg"].as_f64().unwrap() < 0.5,

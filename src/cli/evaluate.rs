@@ -275,6 +275,9 @@ fn describe_shape(found: &ShapeComparison) -> String {
             s.within.map(|share| format!("{:.1} %", 100.0 * share)).join(", ")
         );
     }
+    for note in &found.notes {
+        text += &format!("            {note}\n");
+    }
     if let Some(truth) = &found.truth {
         let fits = [
             ("none", Some(&truth.raw)),

@@ -30,6 +30,9 @@ pub enum Registering {
 /// scan \[m\].
 pub const SCAN_SIGMA_M: f64 = 0.02;
 
+/// Points farther from the scan than this are told apart: it may not reach there \[m\].
+pub const BEYOND_M: f64 = 0.2;
+
 /// A point of a shape against the scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ComparedPoint {
@@ -173,6 +176,15 @@ pub fn compare_shape(
     let planes: Vec<f64> =
         plane_distances(&in_scan, &index, NEIGHBOURS).iter().map(|found| found.distance_m).collect();
     let mesh = mesh_distances(scan, &in_scan, &mut notes);
+    let beyond = nearest.iter().filter(|distance| **distance > BEYOND_M).count();
+    if beyond > 0 {
+        notes.push(format!(
+            "{beyond} of {} points are farther than {:.0} cm from any point of the scan: it does not reach there, or they are \
+             wrong. They count in all numbers.",
+            nearest.len(),
+            100.0 * BEYOND_M
+        ));
+    }
     let from_scan_m: Vec<f64> = distances(&scan.points, &shape).iter().map(|near| near.distance_m).collect();
     let sigma = |p: &ResultPoint| {
         let [x, y, z] = p.sigma_m;
