@@ -15,6 +15,7 @@ use crate::files::{read_points, read_tracks};
 use crate::problem::{Problem, Receiver};
 use crate::reference::read_true_shapes;
 use crate::report::evaluation_report;
+use crate::report::folder::{Holds, check_place};
 use crate::tables::Findings;
 use clap::{Args, ValueEnum};
 use nalgebra::Point3;
@@ -23,10 +24,10 @@ use std::path::PathBuf;
 /// Arguments of the command.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The problem folder, with reference/gnss.csv
+    /// The problem folder, with what is compared in reference/
     problem: PathBuf,
 
-    /// A result folder: its trajectories.csv is compared
+    /// A result folder: its trajectories.csv and vehicle_points.csv are compared
     result: PathBuf,
 
     /// Offset of the receiver's clock, t_reference = t_video + offset: seconds, or estimate to apply what
@@ -132,21 +133,40 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(target) = &arguments.out {
+        check_place(target, Holds::Evaluation)?;
+    }
     let input = read(&arguments.problem);
     let known = input.as_ref().ok();
     let vehicles: Option<Vec<String>> =
         known.map(|input| input.inventory.vehicles.iter().map(|v| v.id.clone()).collect());
     let frames = known.and_then(|input| input.problem.as_ref().ok()).map(|problem| problem.frames.as_slice());
-    let tracks = read_tracks(&arguments.result, vehicles.as_deref(), frames)
-        .map_err(|findings| Failure::Invalid(vec![(arguments.result.clone(), findings)]));
-    // What is wrong with either is told at once.
-    let (input, tracks) = match (input, tracks) {
-        (Ok(input), Ok(tracks)) => (input, tracks),
-        (Err(Failure::Invalid(mut all)), Err(Failure::Invalid(more))) => {
-            all.extend(more);
-            return Err(Failure::Invalid(all));
+    let mut of_result = Findings::default();
+    let tracks = read_tracks(&arguments.result, vehicles.as_deref(), frames);
+    let shapes = read_points(&arguments.result, vehicles.as_deref(), &mut of_result);
+    let mut of_problem = Findings::default();
+    let truths =
+        read_true_shapes(&arguments.problem, vehicles.as_deref().unwrap_or_default(), &mut of_problem);
+    // What is wrong with any of them is told at once.
+    let mut invalid: Vec<(PathBuf, Findings)> = Vec::new();
+    let input = match input {
+        Ok(input) => Some(input),
+        Err(Failure::Invalid(all)) => {
+            invalid.extend(all);
+            None
         }
-        (Err(failure), _) | (_, Err(failure)) => return Err(failure),
+        Err(failure) => return Err(failure),
+    };
+    // Without the problem's vehicles every row of the truth would be wrong.
+    if vehicles.is_some() && of_problem.is_invalid() {
+        invalid.push((arguments.problem.clone(), of_problem));
+    }
+    let tracks = tracks.map_err(|findings| invalid.push((arguments.result.clone(), findings))).ok();
+    if of_result.is_invalid() {
+        invalid.push((arguments.result.clone(), of_result));
+    }
+    let (Some(input), Some(tracks), true) = (input, tracks, invalid.is_empty()) else {
+        return Err(Failure::Invalid(invalid));
     };
     let Input { inventory, reference, problem, mut warnings } = input;
     let used: Vec<(String, Point3<f64>)> = problem.iter().flat_map(observed_positions).collect();
@@ -167,27 +187,20 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Aligning::Rigid => Alignment::Rigid,
             Aligning::Similarity => Alignment::Similarity,
         },
+        registering: match arguments.registration {
+            Registration::None => Registering::None,
+            Registration::Given => Registering::Given,
+            Registration::Icp => Registering::Icp,
+        },
+        sigma_limit_m: arguments.sigma_limit,
     };
     if arguments.max_gap.is_some() && matches!(options.association, Association::Interpolated) {
         warnings.push("--max-gap counts with --association nearest only".to_owned());
     }
     let vehicles = vehicles.unwrap_or_default();
     let mut evaluation = evaluate(&vehicles, &tracks.tracks, &reference, &used, &options);
-    let mut findings = Findings::default();
-    let shapes = read_points(&arguments.result, Some(&vehicles), &mut findings);
-    if findings.is_invalid() {
-        return Err(Failure::Invalid(vec![(arguments.result.clone(), findings)]));
-    }
-    let truths = read_true_shapes(&arguments.problem, &vehicles, &mut findings);
-    if findings.is_invalid() {
-        return Err(Failure::Invalid(vec![(arguments.problem.clone(), findings)]));
-    }
-    let how = match arguments.registration {
-        Registration::None => Registering::None,
-        Registration::Given => Registering::Given,
-        Registration::Icp => Registering::Icp,
-    };
-    evaluate_shapes(&mut evaluation, &vehicles, &shapes, &reference, &truths, how, arguments.sigma_limit);
+    (evaluation.shapes, evaluation.shapes_not_compared) =
+        evaluate_shapes(&vehicles, &shapes, &reference, &truths, &options);
     let missing: Vec<String> =
         evaluation.not_compared.iter().map(|(vehicle, why)| format!("vehicle {vehicle}: {why}")).collect();
     if evaluation.vehicles.is_empty() && evaluation.shapes.is_empty() && arguments.out.is_none() {
@@ -208,7 +221,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             name: &inventory.name,
             problem: problem.as_ref().ok(),
             tracks: &tracks,
-            reference: &reference,
             evaluation: &evaluation,
             warnings: &warnings,
         };
@@ -279,13 +291,7 @@ fn describe_shape(found: &ShapeComparison) -> String {
         text += &format!("            {note}\n");
     }
     if let Some(truth) = &found.truth {
-        let fits = [
-            ("none", Some(&truth.raw)),
-            ("rigid", truth.rigid.as_ref()),
-            ("similarity", truth.similarity.as_ref()),
-        ];
-        for (fit, s) in fits {
-            let Some(s) = s else { continue };
+        for (fit, s, _) in truth.fits() {
             text += &format!(
                 "            point to point against the truth, fit {fit}: median {:.4} m, 95 % {:.4} m\n",
                 s.median_m, s.percentiles_m[3]

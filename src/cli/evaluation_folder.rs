@@ -4,7 +4,6 @@ use super::Failure;
 use crate::evaluate::Evaluation;
 use crate::files::{RESIDUALS, ResultTracks, START_RESIDUALS, input_files, read_report, read_residuals};
 use crate::problem::Problem;
-use crate::reference::Reference;
 use crate::report::folder::{Holds, Staged};
 use crate::report::{File, PageInput, changed_inputs, distance_clouds, page};
 use crate::tables::Findings;
@@ -23,8 +22,6 @@ pub struct Evaluated<'a> {
     pub problem: Option<&'a Problem>,
     /// The tracks of the result.
     pub tracks: &'a ResultTracks,
-    /// What it is compared with.
-    pub reference: &'a Reference,
     /// The comparison.
     pub evaluation: &'a Evaluation,
     /// What is odd.
@@ -34,8 +31,7 @@ pub struct Evaluated<'a> {
 /// Writes the folder: all of it or nothing. `json` is the comparison for programs.
 pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) -> Result<PathBuf, Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
-    let Evaluated { problem_folder, result_folder, name, problem, tracks, reference, evaluation, warnings } =
-        *evaluated;
+    let Evaluated { problem_folder, result_folder, name, problem, tracks, evaluation, warnings } = *evaluated;
     let staged = Staged::begin(target, Holds::Evaluation)?;
     let mut findings = Findings::default();
     let report = read_report(result_folder, &mut findings).unwrap_or_default();
@@ -60,7 +56,6 @@ pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) ->
         start: start.as_deref(),
         end: end.as_deref(),
         tracks,
-        reference,
         evaluation,
         warnings: &warnings,
     });

@@ -94,16 +94,7 @@ impl Drop for Clearing {
 
 /// A number with its thousands set apart.
 pub fn grouped(number: impl ToString) -> String {
-    let digits = number.to_string();
-    let (sign, digits) = digits.split_at(usize::from(digits.starts_with('-')));
-    let mut text = sign.to_owned();
-    for (at, digit) in digits.chars().enumerate() {
-        if at > 0 && (digits.len() - at).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
+    crate::report::grouped(number, ',')
 }
 
 /// How camera poses were found, in a line; nothing where all were given.

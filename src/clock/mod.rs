@@ -128,7 +128,7 @@ fn search(track: &Curve, reference: &Curve, shift: Shift) -> Result<ClockEstimat
     let candidates = candidates(&comparison, &scanned, 0.5 * track.step_s() * thin as f64)?;
     let best = *candidates.first().ok_or("the tracks have no numbers to compare")?;
     let (estimate, precision) = refine(&comparison, &samples, best.offset_s)?;
-    let Precision { change_mps, sigma_s, independent, by_drift_s } = precision;
+    let Precision { change_mps, sigma_s, .. } = precision;
     let far_s = (3.0 * sigma_s).max(2.0 * GRID_STEP_S);
     // Where the sigma alone is no reason, another minimum may be one.
     let other = candidates.iter().find(|c| {
@@ -156,7 +156,7 @@ fn search(track: &Curve, reference: &Curve, shift: Shift) -> Result<ClockEstimat
             best.offset_s
         ));
     }
-    Ok(ClockEstimate { sigma_s, independent, by_drift_s, ..estimate })
+    Ok(estimate)
 }
 
 impl Shift {

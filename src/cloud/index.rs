@@ -14,7 +14,7 @@ const LARGEST_M: f64 = 1e12;
 
 /// How much farther the tree is asked than what it answered, so that ties come along whatever the
 /// order in which it adds up.
-const SLACK: f64 = 1.0 + 1e-14;
+pub(super) const SLACK: f64 = 1.0 + 1e-14;
 
 /// Why a cloud cannot be searched.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -75,18 +75,17 @@ impl CloudIndex {
                 return Err(CloudError::Coordinate { index, coordinate });
             }
         }
-        // Zeros of both signs are one place.
-        let place = |number: u32| points[number as usize].coords.map(|c| c + 0.0);
+        let place = |number: u32| one_zero(&points[number as usize]);
         let order = |a: &u32, b: &u32| {
-            let (p, q) = (place(*a), place(*b));
-            p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z)).then(a.cmp(b))
+            let [p, q] = [a, b].map(|number| &points[*number as usize]);
+            by_place(p, q).then(a.cmp(b))
         };
         let mut members: Vec<u32> = (0..points.len() as u32).collect();
         members.par_sort_unstable_by(order);
         let mut starts = Vec::with_capacity(points.len() + 1);
         let mut distinct = Vec::with_capacity(points.len());
         for (at, number) in members.iter().enumerate() {
-            let here: [f64; 3] = place(*number).into();
+            let here: [f64; 3] = place(*number).coords.into();
             if distinct.last() != Some(&here) {
                 distinct.push(here);
                 starts.push(at as u32);
@@ -166,6 +165,17 @@ impl CloudIndex {
 /// The first coordinate of a point that is none.
 pub(super) fn no_coordinate(point: &Point3<f64>) -> Option<f64> {
     point.iter().copied().find(|c| c.is_nan() || c.abs() > LARGEST_M)
+}
+
+/// A place whose zeros are all positive: zeros of both signs are one place.
+fn one_zero(point: &Point3<f64>) -> Point3<f64> {
+    point.map(|c| c + 0.0)
+}
+
+/// The order of places by x, then y, then z.
+pub(super) fn by_place(a: &Point3<f64>, b: &Point3<f64>) -> std::cmp::Ordering {
+    let (p, q) = (one_zero(a), one_zero(b));
+    p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z))
 }
 
 fn before(a: &Nearest, b: &Nearest) -> std::cmp::Ordering {

@@ -4,13 +4,10 @@
 //! (2005), section 5.1.5, and the sign from the angle-weighted pseudo-normal at that point: Baerentzen and
 //! Aanaes, *Signed distance computation using the angle weighted pseudonormal*, IEEE TVCG 11 (2005).
 
-use super::index::no_coordinate;
+use super::index::{SLACK, by_place, no_coordinate};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use rstar::{AABB, PointDistance, RTree, RTreeObject};
-
-/// How much farther the tree is asked than what it answered, so that ties come along.
-const SLACK: f64 = 1.0 + 1e-14;
 
 /// Why a mesh cannot be compared with.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -225,10 +222,7 @@ impl MeshIndex {
 
 /// For each point the first one that equals it.
 fn welded(points: &[Point3<f64>]) -> Vec<usize> {
-    let order = |a: &usize, b: &usize| {
-        let (p, q) = (points[*a].map(|c| c + 0.0), points[*b].map(|c| c + 0.0));
-        p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z)).then(a.cmp(b))
-    };
+    let order = |a: &usize, b: &usize| by_place(&points[*a], &points[*b]).then(a.cmp(b));
     let mut sorted: Vec<usize> = (0..points.len()).collect();
     sorted.sort_unstable_by(order);
     let mut first = vec![0; points.len()];

@@ -19,6 +19,7 @@ use clock::{ClockOffset, Shift, clock_offset};
 use curve::Curve;
 use nalgebra::Point3;
 use pairs::Association;
+use shape::{Registering, ShapeComparison, compare_shape};
 use track::{Comparison, TrackComparison, compare};
 
 /// Which offset of the receiver's clock is applied: `t_reference = t_video + offset`.
@@ -41,6 +42,10 @@ pub struct EvaluateOptions {
     pub association: Association,
     /// What may be changed of the result before it is compared.
     pub alignment: Alignment,
+    /// How a shape comes onto its scan.
+    pub registering: Registering,
+    /// Distances are also told of points with a standard deviation of at most this alone \[m\].
+    pub sigma_limit_m: f64,
 }
 
 impl Default for EvaluateOptions {
@@ -50,6 +55,8 @@ impl Default for EvaluateOptions {
             shift: Shift::Free,
             association: Association::Interpolated,
             alignment: Alignment::None,
+            registering: Registering::Icp,
+            sigma_limit_m: 0.1,
         }
     }
 }
@@ -87,7 +94,7 @@ pub struct Evaluation {
     /// The others, and why they were not compared.
     pub not_compared: Vec<(String, String)>,
     /// Of the vehicles that have a shape and a scan.
-    pub shapes: Vec<shape::ShapeComparison>,
+    pub shapes: Vec<ShapeComparison>,
     /// The others, and why.
     pub shapes_not_compared: Vec<(String, String)>,
 }
@@ -124,25 +131,27 @@ pub fn evaluate(
     evaluation
 }
 
+/// Those that were compared, and the other vehicles with the reason.
+pub type Compared<T> = (Vec<T>, Vec<(String, String)>);
+
 /// Compares the shapes of a result with scans, for each of the problem's `vehicles`.
 pub fn evaluate_shapes(
-    evaluation: &mut Evaluation,
     vehicles: &[String],
     shapes: &[(String, Vec<ResultPoint>)],
     reference: &Reference,
     truths: &[(String, TrueShape)],
-    how: shape::Registering,
-    limit_m: f64,
-) {
+    options: &EvaluateOptions,
+) -> Compared<ShapeComparison> {
+    let (mut compared, mut others) = (Vec::new(), Vec::new());
     for vehicle in vehicles {
-        let points =
-            shapes.iter().find(|(id, _)| id == vehicle).map_or(&[][..], |(_, points)| points.as_slice());
+        let points = shapes.iter().find(|(id, _)| id == vehicle).map_or(&[][..], |(_, points)| points);
         let truth = truths.iter().find(|(id, _)| id == vehicle).map(|(_, truth)| truth);
-        match shape::compare_shape(vehicle, points, reference, truth, how, limit_m) {
-            Ok(found) => evaluation.shapes.push(found),
-            Err(why) => evaluation.shapes_not_compared.push((vehicle.clone(), why)),
+        match compare_shape(vehicle, points, reference, truth, options) {
+            Ok(found) => compared.push(found),
+            Err(why) => others.push((vehicle.clone(), why)),
         }
     }
+    (compared, others)
 }
 
 /// Whether any of the positions was an observation of the vehicle, to a tenth of a millimetre.

@@ -36,8 +36,6 @@ pub struct Pair<'t> {
     pub at: &'t TrackPosition,
     /// Where the reference is between its samples.
     pub place: Place,
-    /// Time of the reference, on its own clock \[s\].
-    pub reference_time_s: f64,
     /// Position of the reference \[m\].
     pub reference: Point3<f64>,
 }
@@ -54,9 +52,8 @@ pub fn pairs<'t>(
     match association {
         Association::Interpolated => {
             let pair = |at: &'t TrackPosition| {
-                let reference_time_s = at.time_s + offset_s;
-                let place = curve.find(reference_time_s)?;
-                Some(Pair { at, place, reference_time_s, reference: curve.position(place) })
+                let place = curve.find(at.time_s + offset_s)?;
+                Some(Pair { at, place, reference: curve.position(place) })
             };
             (track.iter().filter_map(pair).collect(), 0.0)
         }
@@ -97,7 +94,6 @@ fn nearest<'t>(
         Some(Pair {
             at: &track[frame],
             place: Place { before: sample, fraction: 0.0 },
-            reference_time_s: receiver[sample],
             reference: reference[sample].position,
         })
     };

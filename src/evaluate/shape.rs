@@ -3,6 +3,7 @@
 //! The points come onto the scan by the registration that is asked for; then each has its distance to
 //! the nearest point of the scan, to the local plane there, and to the mesh where the scan is one.
 
+use super::EvaluateOptions;
 use crate::cloud::mesh::{Enclosure, MeshIndex};
 use crate::cloud::plane::{NEIGHBOURS, plane_distances};
 use crate::cloud::register::{RegisterOptions, register};
@@ -24,6 +25,17 @@ pub enum Registering {
     /// By iterated closest points, from that matrix or, without it, from the vehicle frame.
     #[default]
     Icp,
+}
+
+impl Registering {
+    /// Its name in options and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Registering::None => "none",
+            Registering::Given => "given",
+            Registering::Icp => "icp",
+        }
+    }
 }
 
 /// What else separates a shape from a scan than the standard deviations of its points: noise and spacing of the
@@ -78,6 +90,18 @@ pub struct TruthStatistics {
     pub similarity: Option<DistanceStatistics>,
     /// The scale of that.
     pub scale: Option<f64>,
+}
+
+impl TruthStatistics {
+    /// What was left after each fit, by its name, and the scale where it was free.
+    pub fn fits(&self) -> impl Iterator<Item = (&'static str, &DistanceStatistics, Option<f64>)> {
+        let fits = [
+            ("none", Some(&self.raw), None),
+            ("rigid", self.rigid.as_ref(), None),
+            ("similarity", self.similarity.as_ref(), self.scale),
+        ];
+        fits.into_iter().filter_map(|(name, found, scale)| Some((name, found?, scale)))
+    }
 }
 
 /// A shape held against its scan.
@@ -153,9 +177,9 @@ pub fn compare_shape(
     points: &[ResultPoint],
     reference: &Reference,
     truth: Option<&TrueShape>,
-    how: Registering,
-    limit_m: f64,
+    options: &EvaluateOptions,
 ) -> Result<ShapeComparison, String> {
+    let limit_m = options.sigma_limit_m;
     let of = |(id, _): &&(String, Scan)| id == vehicle;
     let Some((_, scan)) = reference.scans.iter().find(of) else {
         return Err(format!(
@@ -168,7 +192,7 @@ pub fn compare_shape(
     let given = reference.matrices.iter().find(|(id, _)| id == vehicle).map(|(_, matrix)| matrix.inverse());
     let places: Vec<Point3<f64>> = points.iter().map(|p| p.position).collect();
     let index = CloudIndex::new(scan.points.clone()).map_err(|error| format!("{}: {error}", scan.file))?;
-    let (registered, mut notes) = registered(vehicle, &places, &index, given, how)?;
+    let (registered, mut notes) = registered(vehicle, &places, &index, given, options.registering)?;
     let in_scan: Vec<Point3<f64>> = places.iter().map(|p| registered.scan_from_vehicle * p).collect();
     let shape = CloudIndex::new(in_scan.clone()).map_err(|error| format!("the shape: {error}"))?;
 

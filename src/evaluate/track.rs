@@ -29,8 +29,6 @@ pub struct Compared {
     pub frame: i64,
     /// Its time, on the clock of the film \[s\].
     pub time_s: f64,
-    /// Time of the reference, on its own clock \[s\].
-    pub reference_time_s: f64,
     /// Position of the result, where the alignment brought it \[m\].
     pub position: Point3<f64>,
     /// Position of the reference \[m\].
@@ -43,15 +41,10 @@ pub struct Compared {
     pub speed_difference_mps: Option<f64>,
     /// Speed of the reference \[m/s\].
     pub reference_speed_mps: Option<f64>,
-    /// Direction in which the reference moves, counter-clockwise from the x axis \[deg\]; `None` where it
-    /// hardly does.
-    pub reference_course_deg: Option<f64>,
-    /// Heading of the result's body less that course, in (-180, 180\] \[deg\].
+    /// Heading of the result's body less the course of the reference, in (-180, 180\] \[deg\].
     pub heading_difference_deg: Option<f64>,
     /// Direction in which the result moves less that of the reference, likewise \[deg\].
     pub course_difference_deg: Option<f64>,
-    /// Standard deviation of the result's speed \[m/s\].
-    pub sigma_speed_mps: Option<f64>,
     /// Standard deviation of the result's heading \[deg\].
     pub sigma_heading_deg: Option<f64>,
     /// Standard deviations of the result, in its own frame \[m\].
@@ -263,7 +256,6 @@ impl Tracks<'_> {
         Compared {
             frame: at.frame,
             time_s: at.time_s,
-            reference_time_s: pair.reference_time_s,
             position,
             reference: pair.reference,
             difference_m,
@@ -273,10 +265,8 @@ impl Tracks<'_> {
             }),
             speed_difference_mps: speed.zip(velocity).map(|(speed, velocity)| speed - velocity.norm()),
             reference_speed_mps: velocity.map(|v| v.norm()),
-            reference_course_deg: course.map(f64::to_degrees),
             heading_difference_deg: at.heading_deg.and_then(|heading| less_course(heading.to_radians())),
             course_difference_deg: self.own_course_rad(at.time_s).and_then(less_course),
-            sigma_speed_mps: at.sigma_speed_mps,
             sigma_heading_deg: at.sigma_heading_deg,
             sigma_m: at.sigma_m,
             reference_sigma_m,
@@ -356,11 +346,11 @@ mod tests {
                 frame: frame as i64,
                 time_s,
                 position: position + along * e.x + across * e.y + Vector3::z() * e.z,
+                sigma_speed_mps: None,
                 speed_mps: Some(8.0 + 0.1 * e.x),
                 // 2 deg to the left of where it goes.
                 heading_deg: Some(wrapped_deg(velocity.y.atan2(velocity.x).to_degrees() + 2.0)),
                 sigma_heading_deg: Some(0.5),
-                sigma_speed_mps: None,
                 sigma_m: [Some(0.04), Some(0.03), Some(f64::INFINITY)].map(|s| s.filter(|s| s.is_finite())),
                 covariance_xy_m2: Some(0.0),
             }

@@ -6,7 +6,7 @@ use crate::cloud::DistanceStatistics;
 use crate::evaluate::alignment::{Aligned, Alignment};
 use crate::evaluate::clock::ClockOffset;
 use crate::evaluate::curve::GAP_STEPS;
-use crate::evaluate::shape::{Registering, ShapeComparison};
+use crate::evaluate::shape::ShapeComparison;
 use crate::evaluate::statistics::{Distances, Statistics};
 use crate::evaluate::track::{LEAST_SPEED_MPS, SpeedSource, TrackComparison};
 use crate::evaluate::{Evaluation, VehicleEvaluation};
@@ -321,11 +321,7 @@ fn shape_report(found: &ShapeComparison) -> ShapeReport {
     ShapeReport {
         vehicle: found.vehicle.clone(),
         scan: found.file.clone(),
-        registration: match registered.how {
-            Registering::None => "none",
-            Registering::Given => "given",
-            Registering::Icp => "icp",
-        },
+        registration: registered.how.name(),
         scan_from_vehicle: [x, y, z, qw, qx, qy, qz],
         moved_m: registered.moved_m,
         turned_deg: registered.turned_rad.to_degrees(),

@@ -37,18 +37,9 @@ impl Holds {
                 ("vehicle_poses.csv", ""),
                 ("shape_", ".ply"),
             ],
-            Holds::Evaluation => &[
-                ("evaluation.json", ""),
-                ("report.html", ""),
-                ("track_differences.csv", ""),
-                ("shape_distances.csv", ""),
-                ("shape_", ".ply"),
-                ("scan_", ".ply"),
-                ("track_", ".tum"),
-                ("reference_", ".tum"),
-                ("track_", ".kitti"),
-                ("evo_", ".zip"),
-            ],
+            Holds::Evaluation => {
+                &[("evaluation.json", ""), ("report.html", ""), ("shape_", ".ply"), ("scan_", ".ply")]
+            }
         }
     }
 
@@ -262,6 +253,6 @@ mod tests {
         std::fs::write(folder.path().join("report.html"), "").unwrap();
         assert!(check_place(folder.path(), Holds::Evaluation).is_ok());
         assert!(matches!(check_place(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))));
-        assert!(Holds::Evaluation.owns("track_car1.tum") && !Holds::Evaluation.owns("track_car1.csv"));
+        assert!(Holds::Evaluation.owns("scan_car1.ply") && !Holds::Evaluation.owns("scan_car1.csv"));
     }
 }

@@ -14,6 +14,7 @@ pub use cloud::distance_clouds;
 pub use evaluation::{EvaluationReport, evaluation_report};
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
 pub use page::{PageInput, changed_inputs, page};
+pub use rounding::grouped;
 pub use tables::{result_tables, start_residuals_table, states_table};
 
 use crate::estimate::Estimate;

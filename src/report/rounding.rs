@@ -1,4 +1,4 @@
-//! How many digits a number is written with: fewer than would show the order of a sum, many more
+//! How numbers are written. Digits: fewer than would show the order of a sum, many more
 //! than were measured.
 
 /// Positions are written to this \[m\].
@@ -16,6 +16,20 @@ pub fn round(value: f64, steps: f64) -> f64 {
 /// A length as it is written.
 pub fn metres(value: f64) -> f64 {
     round(value, METRE)
+}
+
+/// A number with its thousands set apart.
+pub fn grouped(number: impl ToString, separator: char) -> String {
+    let digits = number.to_string();
+    let (sign, digits) = digits.split_at(usize::from(digits.starts_with('-')));
+    let mut text = sign.to_owned();
+    for (at, digit) in digits.chars().enumerate() {
+        if at > 0 && (digits.len() - at).is_multiple_of(3) {
+            text.push(separator);
+        }
+        text.push(digit);
+    }
+    text
 }
 
 #[cfg(test)]

@@ -169,7 +169,7 @@ pub fn cm_or_dash(metres: Option<f64>) -> String {
     metres.map_or("\u{2013}".to_owned(), cm)
 }
 
-/// A number with so many digits, and a true minus.
+/// A number with so many digits, with a true minus and no negative zero.
 pub fn decimal(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");
     let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));

@@ -3,6 +3,7 @@
 use super::content::{Block, Section, Table, cm_or_dash, decimal};
 use crate::files::InputFile;
 use crate::problem::Problem;
+use crate::report::rounding::grouped;
 use serde_json::Value;
 
 const DASH: &str = "\u{2013}";
@@ -23,7 +24,7 @@ impl<'a> Facts<'a> {
             Some(Value::String(text)) => text.clone(),
             Some(Value::Bool(yes)) => if *yes { "yes" } else { "no" }.to_owned(),
             Some(value) => match (value.as_i64(), value.as_f64()) {
-                (Some(whole), _) => grouped(whole),
+                (Some(whole), _) => grouped(whole, '\u{202f}').replace('-', "\u{2212}"),
                 (None, Some(number)) => decimal(number, digits),
                 _ => DASH.to_owned(),
             },
@@ -47,19 +48,6 @@ impl<'a> Facts<'a> {
             .map(|all| all.iter().map(|(name, value)| (name.as_str(), Facts(value))).collect())
             .unwrap_or_default()
     }
-}
-
-/// A whole number with its thousands set apart.
-fn grouped(number: i64) -> String {
-    let digits = number.unsigned_abs().to_string();
-    let mut text = String::new();
-    for (at, digit) in digits.chars().enumerate() {
-        if at > 0 && (digits.len() - at).is_multiple_of(3) {
-            text.push('\u{202f}');
-        }
-        text.push(digit);
-    }
-    if number < 0 { format!("\u{2212}{text}") } else { text }
 }
 
 /// The verdict in some ten lines.

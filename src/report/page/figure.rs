@@ -1,5 +1,6 @@
 //! Diagrams as SVG: axes with units, and marks that stay apart in grey.
 
+use super::content::decimal;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -51,8 +52,6 @@ pub enum Layer {
         colour: RGBColor,
         /// Their radius, in units of the drawing.
         radius: u32,
-        /// Crosses instead of discs.
-        crosses: bool,
         /// What they are.
         label: &'static str,
     },
@@ -70,12 +69,7 @@ pub enum Layer {
     /// Rectangles shaded by a share from 0 (white) to 1 (dark): left, right, low, high, share.
     Cells(Vec<[f64; 5]>),
     /// Arrows: from, to.
-    Arrows {
-        /// The arrows.
-        arrows: Vec<[[f64; 2]; 2]>,
-        /// What they are.
-        label: &'static str,
-    },
+    Arrows(Vec<[[f64; 2]; 2]>),
     /// A straight line across the drawing at this `y`.
     Level(f64),
     /// A straight line up the drawing at this `x`.
@@ -136,7 +130,7 @@ impl Figure {
                 Layer::Cells(cells) => {
                     all.extend(cells.iter().flat_map(|[l, r, low, high, _]| [[*l, *low], [*r, *high]]));
                 }
-                Layer::Arrows { arrows, .. } => all.extend(arrows.iter().flatten()),
+                Layer::Arrows(arrows) => all.extend(arrows.iter().flatten()),
                 Layer::Level(_) | Layer::Upright(_) => {}
             }
         }
@@ -175,7 +169,7 @@ impl Figure {
         let [mut x, mut y] = self.ranges(&corners);
         let entries = self.entries();
         let legend = if entries.is_empty() { 0 } else { LEGEND_HEIGHT * rows_of(&entries, width) };
-        let longest = y.iter().map(|v| number(*v, digits(y)).chars().count()).max().unwrap_or(0) as u32;
+        let longest = y.iter().map(|v| decimal(*v, digits(y)).chars().count()).max().unwrap_or(0) as u32;
         let (left, below, other) = ((56 + 15 * longest).max(100), 90, 20);
         let mut height = (f64::from(width) * self.aspect).round();
         if self.is_map {
@@ -238,8 +232,8 @@ impl Figure {
             .y_desc(&self.y)
             .x_labels(width as usize / 150)
             .y_labels(7)
-            .x_label_formatter(&|value| number(*value, x_digits))
-            .y_label_formatter(&|value| number(*value, y_digits))
+            .x_label_formatter(&|value| decimal(*value, x_digits))
+            .y_label_formatter(&|value| decimal(*value, y_digits))
             .label_style((FONT, TEXT))
             .axis_desc_style((FONT, TEXT + 2))
             .light_line_style(TRANSPARENT)
@@ -258,14 +252,13 @@ impl Figure {
             let (label, colour, sign) = match layer {
                 Layer::Line { colour, label, .. } => (label, *colour, Sign::Line),
                 Layer::Band { colour, label, .. } => (label, *colour, Sign::Area(BAND)),
-                Layer::Dots { colour, label, crosses, radius, .. } => {
-                    (label, *colour, if *crosses { Sign::Cross } else { Sign::Dot((*radius + 3).min(9)) })
+                Layer::Dots { colour, label, radius, .. } => {
+                    (label, *colour, Sign::Dot((*radius + 3).min(9)))
                 }
                 Layer::Bars { colour, label, hollow, .. } => {
                     (label, *colour, if *hollow { Sign::Outline } else { Sign::Area(FILL) })
                 }
-                Layer::Arrows { label, .. } => (label, BLACK, Sign::Line),
-                Layer::Cells(_) | Layer::Level(_) | Layer::Upright(_) => return None,
+                Layer::Arrows(_) | Layer::Cells(_) | Layer::Level(_) | Layer::Upright(_) => return None,
             };
             (!label.is_empty()).then_some(Entry { label, colour, sign })
         };
@@ -295,7 +288,6 @@ enum Sign {
     Area(f64),
     Outline,
     Dot(u32),
-    Cross,
 }
 
 /// Height of a row of a legend.
@@ -339,7 +331,6 @@ fn draw_legend<'s>(area: &Area<'s>, entries: &[Entry], width: u32) -> Result<(),
             Sign::Area(strength) => area.draw(&Rectangle::new(bar, colour.mix(strength).filled()))?,
             Sign::Outline => area.draw(&Rectangle::new(bar, colour.stroke_width(3)))?,
             Sign::Dot(radius) => area.draw(&Circle::new((x + 20, middle), radius, colour.filled()))?,
-            Sign::Cross => area.draw(&Cross::new((x + 20, middle), 8, colour.stroke_width(3)))?,
         }
         area.draw(&Text::new(label.to_owned(), (x + 50, middle), style.clone()))?;
     }
@@ -372,13 +363,9 @@ fn draw_layer<'s>(
                 area.draw(&Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(BAND)))?;
             }
         }
-        Layer::Dots { points, colour, radius, crosses, .. } => {
+        Layer::Dots { points, colour, radius, .. } => {
             for point in points.iter().filter(|p| is_finite(p)) {
-                if *crosses {
-                    area.draw(&Cross::new(pair(*point), *radius, colour.stroke_width(2)))?;
-                } else {
-                    area.draw(&Circle::new(pair(*point), *radius, colour.filled()))?;
-                }
+                area.draw(&Circle::new(pair(*point), *radius, colour.filled()))?;
             }
         }
         Layer::Bars { bars, colour, hollow, .. } => {
@@ -398,7 +385,7 @@ fn draw_layer<'s>(
                 area.draw(&Rectangle::new([(*left, *low), (*right, *high)], shade.filled()))?;
             }
         }
-        Layer::Arrows { arrows, .. } => {
+        Layer::Arrows(arrows) => {
             for [from, to] in arrows {
                 area.draw(&PathElement::new(vec![pair(*from), pair(*to)], BLACK.stroke_width(2)))?;
                 area.draw(&Circle::new(pair(*from), 4, BLACK.filled()))?;
@@ -420,13 +407,6 @@ fn digits(range: [f64; 2]) -> usize {
     (-step.log10().floor()).clamp(0.0, 9.0) as usize
 }
 
-/// A number of an axis, with a true minus and no negative zero.
-fn number(value: f64, digits: usize) -> String {
-    let text = format!("{value:.digits$}");
-    let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
-    if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
-}
-
 /// Text that is safe within HTML.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
@@ -438,13 +418,7 @@ mod tests {
 
     fn dots(points: Vec<[f64; 2]>) -> Figure {
         let mut figure = Figure::new("a <b> & \"c\"", "x (m)", "y (m)");
-        figure.layers.push(Layer::Dots {
-            points,
-            colour: colour::RESULT,
-            radius: 3,
-            crosses: false,
-            label: "",
-        });
+        figure.layers.push(Layer::Dots { points, colour: colour::RESULT, radius: 3, label: "" });
         figure
     }
 
@@ -516,7 +490,7 @@ mod tests {
         let long = "a label of forty letters, more or less so";
         assert_eq!(rows_of(&[entry("GNSS"), entry("estimated")], 1400), 1);
         assert_eq!(rows_of(&[entry(long); 3], 740), 3);
-        assert_eq!(number(-0.001, 2), "0.00");
-        assert_eq!(number(-1.5, 1), "\u{2212}1.5");
+        assert_eq!(decimal(-0.001, 2), "0.00");
+        assert_eq!(decimal(-1.5, 1), "\u{2212}1.5");
     }
 }

@@ -18,7 +18,6 @@ mod track;
 use crate::evaluate::Evaluation;
 use crate::files::{InputFile, ResultResidual, ResultTracks};
 use crate::problem::Problem;
-use crate::reference::Reference;
 use content::{Headline, Section};
 use facts::Facts;
 pub use facts::changed_inputs;
@@ -46,8 +45,6 @@ pub struct PageInput<'a> {
     pub end: Option<&'a [ResultResidual]>,
     /// Its tracks.
     pub tracks: &'a ResultTracks,
-    /// What it is compared with.
-    pub reference: &'a Reference,
     /// The comparison.
     pub evaluation: &'a Evaluation,
     /// What is odd.
@@ -143,13 +140,8 @@ fn tracks(input: &PageInput) -> Section {
             section.empty(format!("{left} more vehicles are in evaluation.json."));
             break;
         }
-        let of = |all: &'_ [(String, Vec<_>)]| {
-            all.iter().find(|(id, _)| *id == found.vehicle).map(|(_, t)| t.clone())
-        };
-        let track = of(&input.tracks.tracks).unwrap_or_default();
-        let reference = input.reference.tracks.iter().find(|(id, _)| *id == found.vehicle);
-        let reference = reference.map_or(&[][..], |(_, track)| track.as_slice());
-        track::add(&mut section, found, &track, reference);
+        let track = input.tracks.tracks.iter().find(|(id, _)| *id == found.vehicle);
+        track::add(&mut section, found, track.map_or(&[], |(_, track)| track));
     }
     section
 }
@@ -161,6 +153,6 @@ fn render(title: &str, headlines: &[Headline], sections: &[Section]) -> String {
     let template =
         environment.template_from_str(include_str!("page.html")).expect("the template that the tests render");
     let program = concat!("trackbundle ", env!("CARGO_PKG_VERSION"));
-    let context = minijinja::context! { title, headlines, sections, program, about => "" };
+    let context = minijinja::context! { title, headlines, sections, program };
     template.render(context).expect("the template that the tests render")
 }

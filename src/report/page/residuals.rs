@@ -2,7 +2,7 @@
 
 use super::content::{Section, Table, decimal};
 use super::figure::{Figure, Layer, colour};
-use crate::clock::quantile::quantile;
+use crate::evaluate::statistics::quantile;
 use crate::files::ResultResidual;
 use crate::problem::{Problem, Role};
 use nalgebra::Vector2;
@@ -230,7 +230,7 @@ fn over_image(problem: &Problem, all: &[Located]) -> Figure {
         format!("u (px); the longest arrow is {} px", decimal(longest, 2)),
         "v (px)",
     );
-    figure.layers.push(Layer::Arrows { arrows: means.iter().map(arrow).collect(), label: "" });
+    figure.layers.push(Layer::Arrows(means.iter().map(arrow).collect()));
     (figure.x_range, figure.y_range) = (Some([0.0, width]), Some([0.0, height]));
     figure.is_map = true;
     figure.y_down = true;

@@ -130,12 +130,7 @@ fn truth(found: &ShapeComparison) -> Option<Table> {
         "Point to point, against the truth of the problem",
         &["fit", "count", "median", "rms", "95 %", "within 5 cm", "scale found"],
     );
-    for (name, s, scale) in [
-        ("none", Some(&errors.raw), None),
-        ("rigid", errors.rigid.as_ref(), None),
-        ("similarity", errors.similarity.as_ref(), errors.scale),
-    ] {
-        let Some(s) = s else { continue };
+    for (name, s, scale) in errors.fits() {
         table.row([
             name.to_owned(),
             s.count.to_string(),
@@ -215,7 +210,6 @@ impl View {
             points: seen.into_iter().step_by(step).collect(),
             colour: RGBColor(90, 90, 90),
             radius: 2,
-            crosses: false,
             label: "scan",
         });
         self.frame(&mut figure, scan);
@@ -230,7 +224,7 @@ impl View {
                 found.points.iter().zip(places).filter(|(p, _)| p.nearest_m >= from && p.nearest_m < to);
             let points: Vec<[f64; 2]> =
                 of_class.filter(|(_, at)| self.is_seen(at)).map(|(_, at)| self.place(at)).collect();
-            figure.layers.push(Layer::Dots { points, colour, radius, crosses: false, label });
+            figure.layers.push(Layer::Dots { points, colour, radius, label });
             from = to;
         }
         self.frame(&mut figure, &found.scan);

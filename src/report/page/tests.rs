@@ -12,7 +12,7 @@ fn input<'a>(
     problem: &'a Problem,
     report: &'a Value,
     evaluation: &'a Evaluation,
-    empty: &'a (ResultTracks, Reference),
+    empty: &'a ResultTracks,
 ) -> PageInput<'a> {
     PageInput {
         name: "tiny & <small>",
@@ -22,8 +22,7 @@ fn input<'a>(
         report,
         start: None,
         end: None,
-        tracks: &empty.0,
-        reference: &empty.1,
+        tracks: empty,
         evaluation,
         warnings: &[],
     }
@@ -31,7 +30,7 @@ fn input<'a>(
 
 #[test]
 fn every_part_is_there_and_an_empty_one_says_why() {
-    let (problem, empty) = (tiny(), (ResultTracks::default(), Reference::default()));
+    let (problem, empty) = (tiny(), ResultTracks::default());
     let (report, evaluation) = (Value::Null, Evaluation::default());
     let html = page(&input(&problem, &report, &evaluation, &empty));
     for part in ["verdict", "inputs", "adjusted", "residuals", "control", "interior", "track", "shape"] {
@@ -94,7 +93,7 @@ fn what_a_report_says_is_told() {
         "estimated": [{"name": "cx_px", "of": null, "before": 1.0, "value": 2.0, "sigma": 0.5, "observable": true,
                        "effect_m": 0.031, "correlations": {"cy_px": 0.97}}],
     });
-    let (problem, empty) = (tiny(), (ResultTracks::default(), Reference::default()));
+    let (problem, empty) = (tiny(), ResultTracks::default());
     let evaluation = Evaluation::default();
     let warnings = ["twice".to_owned(), "once".to_owned()];
     let html = page(&PageInput { warnings: &warnings, ..input(&problem, &report, &evaluation, &empty) });

@@ -2,11 +2,10 @@
 
 use super::content::{Headline, Section, Table, cm, cm_or_dash, decimal};
 use super::figure::{Figure, Layer, colour};
-use crate::clock::quantile::{median, quantile};
 use crate::evaluate::VehicleEvaluation;
-use crate::evaluate::statistics::Statistics;
+use crate::evaluate::statistics::{Statistics, median, quantile};
 use crate::files::TrackPosition;
-use crate::reference::GnssPosition;
+use nalgebra::Point3;
 
 /// 95 % of a normal distribution lie within so many standard deviations of one axis.
 const AXIS_95: f64 = 1.959_964;
@@ -63,19 +62,16 @@ pub fn headlines(found: &VehicleEvaluation) -> [Headline; 2] {
 }
 
 /// Adds a vehicle to the section.
-pub fn add(
-    section: &mut Section,
-    found: &VehicleEvaluation,
-    track: &[TrackPosition],
-    reference: &[GnssPosition],
-) {
+pub fn add(section: &mut Section, found: &VehicleEvaluation, track: &[TrackPosition]) {
     let vehicle = &found.vehicle;
     section.heading(format!("Vehicle {vehicle}"));
     let compared = &found.track;
     section.text(format!(
-        "{} positions compared; clock of the reference t = t_video + {} s; alignment and association as the command says. {} outside the time of the reference, {} in its gaps.",
+        "{} positions compared; clock of the reference t = t_video + {} s; association {}, alignment {}. {} outside the time of the reference, {} in its gaps.",
         compared.compared.len(),
         decimal(compared.clock_offset_s, 4),
+        compared.association.name(),
+        compared.aligned.alignment.name(),
         compared.outside,
         compared.in_gaps
     ));
@@ -83,7 +79,7 @@ pub fn add(
     section.table(differences(found));
 
     let number = |name: &str| format!("{name} ({vehicle})");
-    let (plan, enlarged) = plan(found, track, reference);
+    let (plan, enlarged) = plan(found, track);
     section.figures(
         number("Figure 3"),
         format!("Estimated track (dots) and GNSS track (line) in plan. Ellipses: 95 % of the estimate by its own standard deviations, enlarged {enlarged} times."),
@@ -210,16 +206,12 @@ pub fn shifted(name: &str, shift: f64) -> String {
 }
 
 /// The plan, and how often its ellipses are enlarged.
-fn plan(found: &VehicleEvaluation, track: &[TrackPosition], reference: &[GnssPosition]) -> (Figure, f64) {
-    let offset_s = found.track.clock_offset_s;
-    let (first, last) = (track.first().map_or(0.0, |t| t.time_s), track.last().map_or(0.0, |t| t.time_s));
-    // A second more to either side shows where the line goes.
-    let inside = |at: &&GnssPosition| (first - 1.0..=last + 1.0).contains(&(at.time_s - offset_s));
-    let of_reference: Vec<&GnssPosition> = reference.iter().filter(inside).collect();
-    let x0 = shift(track.iter().map(|t| t.position.x));
-    let y0 = shift(track.iter().map(|t| t.position.y));
+fn plan(found: &VehicleEvaluation, track: &[TrackPosition]) -> (Figure, f64) {
+    // Where the alignment brought them.
+    let places: Vec<Point3<f64>> = track.iter().map(|t| found.track.aligned.position(&t.position)).collect();
+    let [x0, y0] = [0, 1].map(|axis| shift(places.iter().map(|p| p[axis])));
     let extent = |axis: usize| {
-        let values = track.iter().map(|t| t.position[axis]);
+        let values = places.iter().map(|p| p[axis]);
         values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
     };
     let wide = extent(0).max(extent(1));
@@ -234,13 +226,13 @@ fn plan(found: &VehicleEvaluation, track: &[TrackPosition], reference: &[GnssPos
     let mut figure =
         Figure::new(format!("Plan of the track of {}", found.vehicle), shifted("x", x0), shifted("y", y0));
     figure.layers.push(Layer::Line {
-        points: of_reference.iter().map(|g| [g.position.x - x0, g.position.y - y0]).collect(),
+        points: found.track.compared.iter().map(|c| [c.reference.x - x0, c.reference.y - y0]).collect(),
         colour: colour::REFERENCE,
         width: 7,
         label: "GNSS",
     });
     let mut outline = Vec::new();
-    for at in track.iter().step_by(step) {
+    for (at, place) in track.iter().zip(&places).step_by(step) {
         let (Some(sx), Some(sy)) = (at.sigma_m[0], at.sigma_m[1]) else { continue };
         let covariance = nalgebra::Matrix2::new(
             sx * sx,
@@ -252,7 +244,7 @@ fn plan(found: &VehicleEvaluation, track: &[TrackPosition], reference: &[GnssPos
         for part in 0..=24 {
             let angle = f64::from(part) * std::f64::consts::TAU / 24.0;
             let edge = root.l() * nalgebra::Vector2::new(angle.cos(), angle.sin()) * (PLANE_95 * enlarged);
-            outline.push([at.position.x - x0 + edge.x, at.position.y - y0 + edge.y]);
+            outline.push([place.x - x0 + edge.x, place.y - y0 + edge.y]);
         }
         outline.push([f64::NAN; 2]);
     }
@@ -263,10 +255,9 @@ fn plan(found: &VehicleEvaluation, track: &[TrackPosition], reference: &[GnssPos
         label: "95 %, enlarged",
     });
     figure.layers.push(Layer::Dots {
-        points: track.iter().map(|t| [t.position.x - x0, t.position.y - y0]).collect(),
+        points: places.iter().map(|p| [p.x - x0, p.y - y0]).collect(),
         colour: colour::RESULT,
         radius: 3,
-        crosses: false,
         label: "estimated",
     });
     figure.is_map = true;
@@ -297,7 +288,6 @@ fn errors(found: &VehicleEvaluation, axis: usize) -> Figure {
         points: compared.iter().map(|c| [c.time_s, 100.0 * c.difference_m[axis]]).collect(),
         colour: colour::RESULT,
         radius: 3,
-        crosses: false,
         label: "difference",
     });
     figure.aspect = 0.6;
@@ -315,7 +305,6 @@ fn speeds(found: &VehicleEvaluation) -> Figure {
         points: own.collect(),
         colour: colour::RESULT,
         radius: 3,
-        crosses: false,
         label: "estimated",
     });
     figure
