@@ -140,6 +140,11 @@ pub struct ShapeComparison {
 }
 
 impl ShapeComparison {
+    /// How many points are farther than [`BEYOND_M`] from the scan.
+    pub fn beyond(&self) -> usize {
+        self.points.iter().filter(|point| point.nearest_m > BEYOND_M).count()
+    }
+
     /// The registration in words.
     pub fn registration_told(&self) -> String {
         let Registered { how, moved_m, turned_rad, overlap, .. } = &self.registered;
@@ -200,15 +205,6 @@ pub fn compare_shape(
     let planes: Vec<f64> =
         plane_distances(&in_scan, &index, NEIGHBOURS).iter().map(|found| found.distance_m).collect();
     let mesh = mesh_distances(scan, &in_scan, &mut notes);
-    let beyond = nearest.iter().filter(|distance| **distance > BEYOND_M).count();
-    if beyond > 0 {
-        notes.push(format!(
-            "{beyond} of {} points are farther than {:.0} cm from any point of the scan: it does not reach there, or they are \
-             wrong. They count in all numbers.",
-            nearest.len(),
-            100.0 * BEYOND_M
-        ));
-    }
     let from_scan_m: Vec<f64> = distances(&scan.points, &shape).iter().map(|near| near.distance_m).collect();
     let sigma = |p: &ResultPoint| {
         let [x, y, z] = p.sigma_m;
@@ -226,7 +222,7 @@ pub fn compare_shape(
         plane_m: planes[at],
         mesh_m: mesh.as_ref().map(|mesh| mesh[at]),
     };
-    Ok(ShapeComparison {
+    let mut found = ShapeComparison {
         vehicle: vehicle.to_owned(),
         file: scan.file.clone(),
         scan: scan.points.clone(),
@@ -242,7 +238,17 @@ pub fn compare_shape(
         truth: truth.and_then(|truth| truth_statistics(points, truth)),
         registered,
         notes,
-    })
+    };
+    let beyond = found.beyond();
+    if beyond > 0 {
+        found.notes.push(format!(
+            "{beyond} of {} points are farther than {:.0} cm from any point of the scan: it does not reach there, or they are \
+             wrong. They count in all numbers.",
+            found.points.len(),
+            100.0 * BEYOND_M
+        ));
+    }
+    Ok(found)
 }
 
 fn registered(

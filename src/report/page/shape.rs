@@ -3,7 +3,7 @@
 use super::content::{Headline, Section, Table, cm, cm_or_dash, decimal};
 use super::figure::{Figure, Layer, colour};
 use crate::cloud::DistanceStatistics;
-use crate::evaluate::shape::ShapeComparison;
+use crate::evaluate::shape::{BEYOND_M, ShapeComparison};
 use nalgebra::{Point3, Vector3};
 use plotters::style::RGBColor;
 use std::collections::HashMap;
@@ -32,10 +32,12 @@ pub fn headline(found: &ShapeComparison) -> Headline {
         value: format!("{} %", decimal(100.0 * all.within[2], 1)),
         meaning: "of its points are within 5 cm of the scan".to_owned(),
         more: format!(
-            "median {}, 95 % within {}; {} points, {}",
+            "median {}, 95 % within {}; {} points, {} of them farther than {:.0} cm from any of the scan; registered {}",
             cm(all.median_m),
             cm(all.percentiles_m[3]),
             all.count,
+            found.beyond(),
+            100.0 * BEYOND_M,
             found.registration_told()
         ),
         link: "shape",

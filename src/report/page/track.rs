@@ -87,7 +87,7 @@ pub fn add(section: &mut Section, found: &VehicleEvaluation, track: &[TrackPosit
     );
     section.figures(
         number("Figure E"),
-        "Differences over time, result minus reference. Shaded: 95 % by the standard deviations of both."
+        "Differences over time, result minus reference. Shaded: 95 % by the standard deviations of both, as far as they are known."
             .to_owned(),
         &[("along x", errors(found, 0)), ("along y", errors(found, 1))],
     );
