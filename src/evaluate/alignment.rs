@@ -117,6 +117,14 @@ impl Aligned {
         }
     }
 
+    /// The same in degrees.
+    pub fn heading_deg(&self, heading_deg: f64) -> f64 {
+        match self.alignment {
+            Alignment::None => heading_deg,
+            _ => self.heading_rad(heading_deg.to_radians()).to_degrees(),
+        }
+    }
+
     /// The angle of the rotation \[rad\].
     pub fn angle_rad(&self) -> f64 {
         self.motion.rotation.angle()

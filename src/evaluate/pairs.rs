@@ -38,6 +38,8 @@ pub struct Pair<'t> {
     pub place: Place,
     /// Position of the reference \[m\].
     pub reference: Point3<f64>,
+    /// Time of that position, on the clock of the reference \[s\].
+    pub reference_time_s: f64,
 }
 
 /// The pairs at an offset of the reference's clock \[s\], in the order of the one that is gone through, and
@@ -52,8 +54,9 @@ pub fn pairs<'t>(
     match association {
         Association::Interpolated => {
             let pair = |at: &'t TrackPosition| {
-                let place = curve.find(at.time_s + offset_s)?;
-                Some(Pair { at, place, reference: curve.position(place) })
+                let reference_time_s = at.time_s + offset_s;
+                let place = curve.find(reference_time_s)?;
+                Some(Pair { at, place, reference: curve.position(place), reference_time_s })
             };
             (track.iter().filter_map(pair).collect(), 0.0)
         }
@@ -95,6 +98,7 @@ fn nearest<'t>(
             at: &track[frame],
             place: Place { before: sample, fraction: 0.0 },
             reference: reference[sample].position,
+            reference_time_s: receiver[sample],
         })
     };
     (sparse.iter().enumerate().filter_map(pair).collect(), max_gap_s)

@@ -8,7 +8,7 @@ use crate::cloud::mesh::{Enclosure, MeshIndex};
 use crate::cloud::plane::{NEIGHBOURS, plane_distances};
 use crate::cloud::register::{RegisterOptions, register};
 use crate::cloud::statistics::precision_weight;
-use crate::cloud::truth::point_errors;
+use crate::cloud::truth::{FittedErrors, PointErrors, point_errors};
 use crate::cloud::{CloudIndex, DistanceStatistics, distances};
 use crate::files::ResultPoint;
 use crate::geometry::Pose;
@@ -50,6 +50,10 @@ pub const BEYOND_M: f64 = 0.2;
 pub struct ComparedPoint {
     /// Its id.
     pub point: String,
+    /// Its place in the vehicle frame \[m\].
+    pub position: Point3<f64>,
+    /// Standard deviation per axis of the vehicle frame \[m\].
+    pub axis_sigmas_m: [Option<f64>; 3],
     /// Its place among the points of the scan \[m\].
     pub in_scan: Point3<f64>,
     /// Its standard deviation in space, the root of the sum of squares of its axes \[m\].
@@ -60,6 +64,8 @@ pub struct ComparedPoint {
     pub plane_m: f64,
     /// Distance to the mesh, positive outside where the mesh has an outside \[m\].
     pub mesh_m: Option<f64>,
+    /// How far it is from the truth as it stands, after a rigid and after a similarity fit \[m\].
+    pub truth_m: [Option<f64>; 3],
 }
 
 /// How the registration went.
@@ -214,13 +220,17 @@ pub fn compare_shape(
     let weights: Vec<f64> =
         sigmas.iter().map(|s| s.map_or(0.0, |s| precision_weight(SCAN_SIGMA_M, s))).collect();
     let all = |values: &[f64]| DistanceStatistics::of(values).ok_or("nothing can be compared".to_owned());
+    let truth = truth.map(|truth| TruthErrors::of(points, truth));
     let compared = |at: usize| ComparedPoint {
         point: points[at].point.clone(),
+        position: places[at],
+        axis_sigmas_m: points[at].sigma_m,
         in_scan: in_scan[at],
         sigma_m: sigmas[at],
         nearest_m: nearest[at],
         plane_m: planes[at],
         mesh_m: mesh.as_ref().map(|mesh| mesh[at]),
+        truth_m: truth.as_ref().map_or([None; 3], |truth| truth.of_point(at)),
     };
     let mut found = ShapeComparison {
         vehicle: vehicle.to_owned(),
@@ -235,7 +245,7 @@ pub fn compare_shape(
         to_mesh: mesh.as_deref().and_then(DistanceStatistics::of),
         from_scan: all(&from_scan_m)?,
         from_scan_m,
-        truth: truth.and_then(|truth| truth_statistics(points, truth)),
+        truth: truth.as_ref().and_then(TruthErrors::statistics),
         registered,
         notes,
     };
@@ -322,14 +332,41 @@ fn mesh_distances(scan: &Scan, in_scan: &[Point3<f64>], notes: &mut Vec<String>)
     }
 }
 
-fn truth_statistics(points: &[ResultPoint], truth: &TrueShape) -> Option<TruthStatistics> {
-    let find = |p: &ResultPoint| Some((p.position, truth.iter().find(|(id, _)| *id == p.point)?.1));
-    let (ours, theirs): (Vec<Point3<f64>>, Vec<Point3<f64>>) = points.iter().filter_map(find).unzip();
-    let errors = point_errors(&ours, &theirs);
-    Some(TruthStatistics {
-        raw: DistanceStatistics::of(&errors.raw_m)?,
-        rigid: errors.rigid.as_ref().and_then(|fit| DistanceStatistics::of(&fit.errors_m)),
-        similarity: errors.similarity.as_ref().and_then(|fit| DistanceStatistics::of(&fit.errors_m)),
-        scale: errors.similarity.as_ref().map(|fit| fit.scale),
-    })
+/// The errors of those points whose truth is known.
+struct TruthErrors {
+    /// Place among them of each point.
+    places: Vec<Option<usize>>,
+    errors: PointErrors,
+}
+
+impl TruthErrors {
+    fn of(points: &[ResultPoint], truth: &TrueShape) -> Self {
+        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+        let mut place = |p: &ResultPoint| {
+            let (_, true_position) = truth.iter().find(|(id, _)| *id == p.point)?;
+            ours.push(p.position);
+            theirs.push(*true_position);
+            Some(ours.len() - 1)
+        };
+        let places = points.iter().map(&mut place).collect();
+        TruthErrors { places, errors: point_errors(&ours, &theirs) }
+    }
+
+    /// As a point stands, after the rigid and after the similarity fit \[m\].
+    fn of_point(&self, point: usize) -> [Option<f64>; 3] {
+        let Some(at) = self.places[point] else { return [None; 3] };
+        let PointErrors { raw_m, rigid, similarity } = &self.errors;
+        let fitted = |fit: &Option<FittedErrors>| fit.as_ref().map(|fit| fit.errors_m[at]);
+        [Some(raw_m[at]), fitted(rigid), fitted(similarity)]
+    }
+
+    fn statistics(&self) -> Option<TruthStatistics> {
+        let PointErrors { raw_m, rigid, similarity } = &self.errors;
+        Some(TruthStatistics {
+            raw: DistanceStatistics::of(raw_m)?,
+            rigid: rigid.as_ref().and_then(|fit| DistanceStatistics::of(&fit.errors_m)),
+            similarity: similarity.as_ref().and_then(|fit| DistanceStatistics::of(&fit.errors_m)),
+            scale: similarity.as_ref().map(|fit| fit.scale),
+        })
+    }
 }

@@ -29,6 +29,8 @@ pub struct Compared {
     pub frame: i64,
     /// Its time, on the clock of the film \[s\].
     pub time_s: f64,
+    /// Time of the place of the reference, on its own clock \[s\].
+    pub reference_time_s: f64,
     /// Position of the result, where the alignment brought it \[m\].
     pub position: Point3<f64>,
     /// Position of the reference \[m\].
@@ -37,10 +39,16 @@ pub struct Compared {
     pub difference_m: Vector3<f64>,
     /// The same along the reference's motion and to the left of it \[m\]; `None` where it hardly moves.
     pub along_across_m: Option<Vector2<f64>>,
+    /// Horizontal speed of the result, in the scale to which the alignment brought it \[m/s\].
+    pub speed_mps: Option<f64>,
+    /// Its standard deviation, in its own scale \[m/s\].
+    pub sigma_speed_mps: Option<f64>,
     /// Horizontal speed, result minus reference \[m/s\].
     pub speed_difference_mps: Option<f64>,
     /// Speed of the reference \[m/s\].
     pub reference_speed_mps: Option<f64>,
+    /// Heading of the result's body, where the alignment turned it \[deg\].
+    pub heading_deg: Option<f64>,
     /// Heading of the result's body less the course of the reference, in (-180, 180\] \[deg\].
     pub heading_difference_deg: Option<f64>,
     /// Direction in which the result moves less that of the reference, likewise \[deg\].
@@ -256,6 +264,7 @@ impl Tracks<'_> {
         Compared {
             frame: at.frame,
             time_s: at.time_s,
+            reference_time_s: pair.reference_time_s,
             position,
             reference: pair.reference,
             difference_m,
@@ -263,8 +272,11 @@ impl Tracks<'_> {
                 let plan = difference_m.xy();
                 Vector2::new(plan.dot(&d), d.perp(&plan))
             }),
+            speed_mps: speed,
+            sigma_speed_mps: at.sigma_speed_mps,
             speed_difference_mps: speed.zip(velocity).map(|(speed, velocity)| speed - velocity.norm()),
             reference_speed_mps: velocity.map(|v| v.norm()),
+            heading_deg: at.heading_deg.map(|heading| self.aligned.heading_deg(heading)),
             heading_difference_deg: at.heading_deg.and_then(|heading| less_course(heading.to_radians())),
             course_difference_deg: self.own_course_rad(at.time_s).and_then(less_course),
             sigma_heading_deg: at.sigma_heading_deg,
