@@ -130,6 +130,7 @@ const DOORS: &[(&str, &[&str])] = &[
     ("serde", &["tables", "files", "reference", "report"]),
     ("serde_json", &["files", "report"]),
     ("sha2", &["files"]),
+    ("zip", &["report"]),
     ("plotters", &["report"]),
     ("minijinja", &["report"]),
     ("pulp", &["nlls/linear", "nlls/system"]),

@@ -5,7 +5,7 @@ use crate::evaluate::Evaluation;
 use crate::files::{RESIDUALS, ResultTracks, START_RESIDUALS, input_files, read_report, read_residuals};
 use crate::problem::Problem;
 use crate::report::folder::{Holds, Staged};
-use crate::report::{File, PageInput, changed_inputs, distance_clouds, page};
+use crate::report::{File, PageInput, changed_inputs, distance_clouds, exports, page};
 use crate::tables::Findings;
 use std::path::{Path, PathBuf};
 
@@ -64,6 +64,7 @@ pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) ->
         ("evaluation.json".to_owned(), json.as_bytes().to_vec()),
     ];
     files.extend(evaluation.shapes.iter().flat_map(distance_clouds));
+    files.extend(exports(evaluation));
     for file in &files {
         staged.write(file).map_err(|error| failed(&error))?;
     }

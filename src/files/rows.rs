@@ -189,6 +189,33 @@ result_row!(
     }
 );
 
+result_row!(
+    /// `track_differences.csv` of an evaluation: result minus reference, a row for each frame that is compared.
+    /// Times are those of the film and of the reference's clock.
+    TrackDifferenceResult {
+        vehicle: String, frame: i64, time_s: f64, reference_time_s: f64,
+        x: f64, y: f64, z: f64, reference_x: f64, reference_y: f64, reference_z: f64,
+        dx_m: f64, dy_m: f64, dz_m: f64, distance_m: f64, along_m: Option<f64>, across_m: Option<f64>,
+        speed_mps: Option<f64>, reference_speed_mps: Option<f64>, dspeed_mps: Option<f64>,
+        heading_deg: Option<f64>, heading_difference_deg: Option<f64>, course_difference_deg: Option<f64>,
+        sigma_x: Option<f64>, sigma_y: Option<f64>, sigma_z: Option<f64>,
+        sigma_speed_mps: Option<f64>, sigma_heading_deg: Option<f64>,
+        reference_sigma_x: Option<f64>, reference_sigma_y: Option<f64>, reference_sigma_z: Option<f64>,
+        chi_square: Option<f64>,
+    }
+);
+
+result_row!(
+    /// `shape_distances.csv` of an evaluation: a point in the vehicle frame and in that of the scan, and how far
+    /// it is from the scan and from the truth.
+    ShapeDistanceResult {
+        vehicle: String, point: String,
+        x: f64, y: f64, z: f64, sigma_x: Option<f64>, sigma_y: Option<f64>, sigma_z: Option<f64>,
+        scan_x: f64, scan_y: f64, scan_z: f64, to_scan_m: f64, to_plane_m: f64, to_mesh_m: Option<f64>,
+        truth_raw_m: Option<f64>, truth_rigid_m: Option<f64>, truth_similarity_m: Option<f64>,
+    }
+);
+
 #[cfg(test)]
 mod tests {
     use super::*;

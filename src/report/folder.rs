@@ -37,9 +37,19 @@ impl Holds {
                 ("vehicle_poses.csv", ""),
                 ("shape_", ".ply"),
             ],
-            Holds::Evaluation => {
-                &[("evaluation.json", ""), ("report.html", ""), ("shape_", ".ply"), ("scan_", ".ply")]
-            }
+            Holds::Evaluation => &[
+                ("evaluation.json", ""),
+                ("report.html", ""),
+                ("shape_distances.csv", ""),
+                ("track_differences.csv", ""),
+                ("evo_", ".zip"),
+                ("poses_", ".kitti"),
+                ("reference_", ".kitti"),
+                ("reference_", ".tum"),
+                ("scan_", ".ply"),
+                ("shape_", ".ply"),
+                ("track_", ".tum"),
+            ],
         }
     }
 
@@ -253,6 +263,23 @@ mod tests {
         std::fs::write(folder.path().join("report.html"), "").unwrap();
         assert!(check_place(folder.path(), Holds::Evaluation).is_ok());
         assert!(matches!(check_place(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))));
-        assert!(Holds::Evaluation.owns("scan_car1.ply") && !Holds::Evaluation.owns("scan_car1.csv"));
+        for name in [
+            "evo_car1.zip",
+            "poses_car1.kitti",
+            "reference_car1.kitti",
+            "reference_car1.tum",
+            "scan_car1.ply",
+            "shape_car1.ply",
+            "shape_distances.csv",
+            "track_car1.tum",
+            "track_differences.csv",
+        ] {
+            assert!(Holds::Evaluation.owns(name), "{name}");
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        assert!(check_place(folder.path(), Holds::Evaluation).is_ok());
+        for name in ["scan_car1.csv", "car1.zip", "track_car1.kitti", "track_differences_car1.csv"] {
+            assert!(!Holds::Evaluation.owns(name), "{name}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 mod cloud;
 mod diagnosis;
 mod evaluation;
+mod exports;
 pub mod folder;
 mod json;
 mod page;
@@ -12,6 +13,7 @@ mod tables;
 pub use cloud::cloud_with_scalars;
 pub use cloud::distance_clouds;
 pub use evaluation::{EvaluationReport, evaluation_report};
+pub use exports::exports;
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
 pub use page::{PageInput, changed_inputs, page};
 pub use rounding::grouped;

@@ -55,7 +55,7 @@ fn pose_sigmas(precision: Option<&PosePrecision>) -> [Option<f64>; 6] {
 }
 
 /// A table as CSV, its header first even when no row follows.
-fn table<R: ResultRow>(name: &str, rows: Vec<R>) -> File {
+pub(super) fn table<R: ResultRow>(name: &str, rows: Vec<R>) -> File {
     let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     writer.write_record(R::HEADER).expect("writing to memory");
     for row in rows {
