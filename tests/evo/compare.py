@@ -10,6 +10,9 @@ evo computes from TUM files of the same positions: nearest in time with the same
 (evo is given the reference between its samples, which this script computes by its own road), without an alignment,
 rigid and similarity. They must be equal to 1e-9, relative to values above 1.
 
+`--exports DIR` takes a folder that `evaluate --out` wrote: `evo_ape` computes the same distances from its TUM and its
+KITTI files, and `evo_res` and `evo_traj` open the others.
+
 `--golden` writes the numbers of evo to tests/evo/golden.json, which tests/evo.rs holds the program to without Python.
 """
 
@@ -173,6 +176,33 @@ def compare_statistics(program, golden):
         (HERE / "golden.json").write_text("[\n" + ",\n".join(json.dumps(row) for row in kept) + "\n]\n")
 
 
+def compare_pairs(folder, programs, environment):
+    """Distances of every vehicle by `evo_ape` from TUM and KITTI files, against those of evaluation.json."""
+    from evo.tools import file_interface
+
+    for vehicle in json.loads((folder / "evaluation.json").read_text())["vehicles"]:
+        name, wanted = vehicle["vehicle"], vehicle["track"]["distances"]
+        # Times of the nearest are no farther apart than this; those of interpolated places are equal.
+        gap = ["--t_max_diff", str(max(vehicle["track"]["max_gap_s"], 1e-9))]
+        for kind, track, more in [("tum", "track", gap), ("kitti", "poses", [])]:
+            with tempfile.TemporaryDirectory() as place:
+                saved = Path(place) / "saved.zip"
+                files = [folder / f"reference_{name}.{kind}", folder / f"{track}_{name}.{kind}"]
+                command = [programs / "evo_ape", kind, *files, *more, "--save_results", saved]
+                subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)
+                found = file_interface.load_res_file(saved)
+                ours = file_interface.load_res_file(folder / f"evo_{name}.zip")
+                assert len(found.np_arrays["error_array"]) == wanted["count"], f"{name} {kind}"
+                off = max(abs(found.stats[n] - wanted[n]) / max(1.0, abs(wanted[n])) for n in NAMES)
+                assert off <= 1e-9, f"{name} {kind}: evo {found.stats}, trackbundle {wanted}"
+                if kind == "tum":
+                    assert set(found.np_arrays) <= set(ours.np_arrays), sorted(found.np_arrays)
+                    for array, values in found.np_arrays.items():
+                        apart = max(abs(values - ours.np_arrays[array]))
+                        assert apart <= 1e-9, f"{name} {array}: {apart}"
+                print(f"{name} {kind}: {wanted['count']} pairs, off by {off:.1e}")
+
+
 def open_exports(folder):
     """Every file of the folder, by the programs of evo."""
     import numpy as np
@@ -182,6 +212,7 @@ def open_exports(folder):
     home = tempfile.mkdtemp()
     environment = dict(os.environ, HOME=home, MPLBACKEND="Agg")
     opened = 0
+    compare_pairs(Path(folder), programs, environment)
     for path in sorted(Path(folder).iterdir()):
         command = {
             ".zip": ["evo_res", path],
