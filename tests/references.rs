@@ -199,3 +199,62 @@ fn no_reference_changes_a_byte_of_an_adjustment() {
         }
     }
 }
+
+#[test]
+fn a_refinement_ends_with_the_same_comparison_and_leaves_its_result_as_it_is() {
+    let place = tempfile::tempdir().unwrap();
+    let (result, proof) = (place.path().join("result"), place.path().join("proof"));
+    let run = || {
+        let mut command = program();
+        command.arg("refine").arg(suv()).arg("--no-rrd").arg("--out").arg(&result);
+        command
+    };
+    let assert = run().arg("--evaluation").arg(&proof).assert().success();
+    let said = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
+    let compared = evaluate(&[]).assert().success();
+    let compared = String::from_utf8(compared.get_output().stdout.clone()).unwrap();
+    assert!(!compared.is_empty() && said.ends_with(&compared), "{said}");
+    let read = |path: PathBuf| -> Value { serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap() };
+    let (mut of_refine, mut of_evaluate) = (read(proof.join("evaluation.json")), json(&[]));
+    for of in [&mut of_refine, &mut of_evaluate] {
+        of["result"] = Value::Null;
+    }
+    assert_eq!(of_refine, of_evaluate);
+    assert!(proof.join("report.html").exists());
+    for name in ["trajectories.csv", "vehicle_points.csv", "vehicle_poses.csv"] {
+        let read = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
+        assert!(read(&result) == read(&RESULT.1), "{name}");
+    }
+    let names = |folder: &Path| std::fs::read_dir(folder).unwrap().count();
+    assert_eq!(names(&result), names(&RESULT.1));
+
+    run().arg("--evaluation").arg(&result).assert().code(2);
+    std::fs::write(proof.join("notes.txt"), "mine").unwrap();
+    run().arg("--evaluation").arg(&proof).assert().code(2);
+}
+
+#[test]
+fn a_shape_that_cannot_be_registered_and_a_changed_input_are_told() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    copy_folder(&suv(), &problem);
+    let far = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+               end_header\n0 0 0\n1 0 0\n2 0 0\n";
+    std::fs::write(problem.join("reference/car1.ply"), far).unwrap();
+    std::fs::write(
+        problem.join("targets.csv"),
+        std::fs::read_to_string(suv().join("targets.csv")).unwrap() + "\n",
+    )
+    .unwrap();
+    let mut command = program();
+    let output = command.arg("evaluate").arg(&problem).arg(&RESULT.1).arg("--json").assert().success();
+    let output = output.get_output();
+    let errors = String::from_utf8(output.stderr.clone()).unwrap();
+    assert!(errors.contains("warning: not compared: shape of car1: "), "{errors}");
+    assert!(
+        errors.contains("warning: files of the problem are not those that were adjusted: targets.csv"),
+        "{errors}"
+    );
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["warnings"].as_array().unwrap().len(), 2, "{errors}");
+}

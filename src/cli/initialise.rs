@@ -42,7 +42,7 @@ enum Dlt {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    let Opened { problem, warnings, inputs, read_s } = output.open(&arguments.problem, &arguments.out)?;
+    let Opened { problem, warnings, inputs, read_s, .. } = output.open(&arguments.problem, &arguments.out)?;
 
     let begin = Instant::now();
     let method = match arguments.dlt {

@@ -1,6 +1,8 @@
 //! The command line: arguments, progress, exit codes; one file per command.
 
 mod check;
+mod comparison;
+mod comparison_text;
 mod evaluate;
 mod evaluation_folder;
 mod initialise;

@@ -142,8 +142,9 @@ fn record(_scene: &trackbundle_viz::Scene, _file: &Path) -> Result<(), String> {
 }
 
 /// Options that change no number of a result, and whether a value follows.
-const WITHOUT_EFFECT: [(&str, bool); 10] = [
+const WITHOUT_EFFECT: [(&str, bool); 11] = [
     ("--out", true),
+    ("--evaluation", true),
     ("--threads", true),
     ("--rrd", true),
     ("--no-rrd", false),
@@ -199,6 +200,10 @@ pub struct Opened {
     pub warnings: Vec<String>,
     /// The files that it is from.
     pub inputs: Vec<InputFile>,
+    /// Its vehicles.
+    pub vehicles: Vec<String>,
+    /// What the result will be compared with, once it is written.
+    pub reference: Reference,
     /// How long it took to read \[s\].
     pub read_s: f64,
 }
@@ -211,11 +216,13 @@ impl OutputOptions {
         check_place(target, Holds::Result)?;
         self.set_threads()?;
         let begin = Instant::now();
-        let Input { problem, warnings, .. } = read(folder)?;
+        let Input { inventory, problem, reference, warnings } = read(folder)?;
         self.warn(&warnings);
         let inputs = files::input_files(folder);
         let problem = computable(problem)?;
-        Ok(Opened { problem, warnings, inputs, read_s: begin.elapsed().as_secs_f64() })
+        let vehicles = inventory.vehicles.into_iter().map(|vehicle| vehicle.id).collect();
+        let read_s = begin.elapsed().as_secs_f64();
+        Ok(Opened { problem, warnings, inputs, vehicles, reference, read_s })
     }
 }
 

@@ -1,25 +1,31 @@
 //! `trackbundle refine`.
 
 use super::Failure;
+use super::comparison::{Invalid, ToCompare};
+use super::comparison_text::describe;
+use super::evaluation_folder::{self, Evaluated};
 use super::options::{
     Opened, OutputOptions, command_told, default_result_folder, motion_prior, positive, shape,
 };
 use super::output::{counted, describe_resection, grouped, print, progress};
 use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
+use crate::evaluate::EvaluateOptions;
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::problem::Problem;
+use crate::reference::Reference;
 use crate::refine::{
     Adjusted, Adjustment, Arrangement, Excluded, Fits, MotionPrior, MotionPriors, Reason, RefineOptions,
     adjust,
 };
+use crate::report::folder::{Holds, check_place};
 use crate::report::{
-    Report, left_out, report_of_adjustment, resection_report, result_tables, start_residuals_table,
-    states_table,
+    Report, evaluation_report, left_out, report_of_adjustment, resection_report, result_tables,
+    start_residuals_table, states_table,
 };
 use crate::scene::scene;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Arguments of the command.
@@ -70,6 +76,11 @@ pub struct Arguments {
     #[arg(long, value_name = "HZ", value_parser = positive)]
     states: Option<f64>,
 
+    /// Also write what `trackbundle evaluate` writes: the result held against reference/, as a page for people
+    /// and files for other tools
+    #[arg(long, value_name = "DIR")]
+    evaluation: Option<PathBuf>,
+
     #[command(flatten)]
     output: OutputOptions,
 }
@@ -81,7 +92,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(folder) => folder.clone(),
         None => default_result_folder(&arguments.problem)?,
     };
-    let Opened { problem, warnings, inputs, read_s } = output.open(&arguments.problem, &target)?;
+    if let Some(place) = &arguments.evaluation {
+        if *place == target {
+            let message = format!("{}: the result and its evaluation need a folder each", target.display());
+            return Err(Failure::Usage(message));
+        }
+        check_place(place, Holds::Evaluation)?;
+    }
+    let opened = output.open(&arguments.problem, &target)?;
+    let Opened { problem, warnings, inputs, vehicles, reference, read_s } = opened;
 
     let begin = Instant::now();
     let initial = initialise(&problem, Method::RobustWhereNeeded)?;
@@ -139,6 +158,63 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         print(&describe_resection(initial.resection.as_ref()))?;
         print(&summary(adjustment, &report, verdict.as_ref()))?;
         print(&format!("result      {}\n", folder.display()))?;
+    }
+    let referenced = Referenced { folder: &arguments.problem, vehicles: &vehicles, reference: &reference };
+    compare_with(referenced, &problem, &folder, arguments)
+}
+
+/// A problem folder with what its results are compared with.
+struct Referenced<'a> {
+    folder: &'a Path,
+    vehicles: &'a [String],
+    reference: &'a Reference,
+}
+
+/// Holds the result that has just been written against the references: it is read as `evaluate` reads it, and
+/// nothing of it changes. Without an evaluation that was asked for a failure is a warning.
+fn compare_with(
+    referenced: Referenced,
+    problem: &Problem,
+    result_folder: &Path,
+    arguments: &Arguments,
+) -> Result<(), Failure> {
+    let Referenced { folder, vehicles, reference } = referenced;
+    let output = &arguments.output;
+    if arguments.evaluation.is_none()
+        && (output.quiet || output.json || reference.tracks.is_empty() && reference.scans.is_empty())
+    {
+        return Ok(());
+    }
+    let mut invalid = Invalid::new();
+    let frames = Some(problem.frames.as_slice());
+    let to_compare = ToCompare::read(folder, result_folder, Some(vehicles), frames, &mut invalid);
+    let (Some(to_compare), true) = (to_compare, invalid.is_empty()) else {
+        if arguments.evaluation.is_some() {
+            return Err(Failure::Invalid(invalid));
+        }
+        let told =
+            invalid.iter().map(|(folder, found)| format!("not compared: {}: {found}", folder.display()));
+        output.warn(&told.collect::<Vec<_>>());
+        return Ok(());
+    };
+    let options = EvaluateOptions::default();
+    let compared = to_compare.compare(vehicles, reference, Some(problem), &options);
+    let mut warnings = compared.warnings.clone();
+    warnings.extend(compared.missing.iter().map(|missing| format!("not compared: {missing}")));
+    output.warn(&warnings);
+    if let Some(place) = &arguments.evaluation {
+        let json = evaluation_report(folder, result_folder, &compared.evaluation, warnings.clone()).to_json();
+        let evaluated = Evaluated {
+            result_folder,
+            name: &problem.name,
+            problem: Some(problem),
+            compared: &compared,
+            warnings: &warnings,
+        };
+        evaluation_folder::write(place, &evaluated, &json, &command_told(folder))?;
+    }
+    if !output.json && !output.quiet && !compared.is_empty() {
+        print(&describe(&compared.evaluation, &options))?;
     }
     Ok(())
 }

@@ -13,6 +13,9 @@ pub const START_RESIDUALS: &str = "residuals_start.csv";
 const POINTS: &str = "vehicle_points.csv";
 const REPORT: &str = "report.json";
 
+/// `report.json` of a result.
+pub type ResultReport = serde_json::Value;
+
 /// A shape point of a result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResultPoint {
@@ -102,7 +105,7 @@ pub fn read_residuals(folder: &Path, file: &str, findings: &mut Findings) -> Opt
 }
 
 /// Reads `report.json`; `None` without it.
-pub fn read_report(folder: &Path, findings: &mut Findings) -> Option<serde_json::Value> {
+pub fn read_report(folder: &Path, findings: &mut Findings) -> Option<ResultReport> {
     let text = std::fs::read(folder.join(REPORT)).ok()?;
     match serde_json::from_slice(&text) {
         Ok(report) => Some(report),
