@@ -4,6 +4,7 @@ mod support;
 
 use nalgebra::Point3;
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use support::score::rows;
@@ -180,6 +181,9 @@ fn no_reference_changes_a_byte_of_an_adjustment() {
     )
     .unwrap();
     let other = refine(&problem);
+    std::fs::remove_file(problem.join("reference/gnss.csv")).unwrap();
+    std::fs::write(problem.join("reference/car1.tum"), "0 9 9 9 0 0 0 1\n1 -9 9 9 0 0 0 1\n").unwrap();
+    let of_a_receiver = refine(&problem);
     std::fs::remove_dir_all(problem.join("reference")).unwrap();
     std::fs::remove_dir_all(problem.join("truth")).unwrap();
     let without = refine(&problem);
@@ -194,7 +198,7 @@ fn no_reference_changes_a_byte_of_an_adjustment() {
             report["seconds"] = Value::Null;
             report.to_string().into_bytes()
         };
-        for folder in [&other.1, &without.1] {
+        for folder in [&other.1, &of_a_receiver.1, &without.1] {
             assert!(read(&RESULT.1) == read(folder), "{}", name.display());
         }
     }
@@ -241,20 +245,40 @@ fn a_shape_that_cannot_be_registered_and_a_changed_input_are_told() {
     let far = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
                end_header\n0 0 0\n1 0 0\n2 0 0\n";
     std::fs::write(problem.join("reference/car1.ply"), far).unwrap();
-    std::fs::write(
-        problem.join("targets.csv"),
-        std::fs::read_to_string(suv().join("targets.csv")).unwrap() + "\n",
-    )
-    .unwrap();
+    let poses = std::fs::read_to_string(suv().join("vehicle_poses.csv")).unwrap() + "\n";
+    std::fs::write(problem.join("vehicle_poses.csv"), poses).unwrap();
     let mut command = program();
     let output = command.arg("evaluate").arg(&problem).arg(&RESULT.1).arg("--json").assert().success();
     let output = output.get_output();
     let errors = String::from_utf8(output.stderr.clone()).unwrap();
     assert!(errors.contains("warning: not compared: shape of car1: "), "{errors}");
     assert!(
-        errors.contains("warning: files of the problem are not those that were adjusted: targets.csv"),
+        errors.contains("warning: files of the problem are not those that were adjusted: vehicle_poses.csv"),
         "{errors}"
     );
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["warnings"].as_array().unwrap().len(), 2, "{errors}");
+}
+
+#[test]
+fn a_track_in_the_file_of_a_receiver_is_compared_like_the_table() {
+    let place = tempfile::tempdir().unwrap();
+    let of = |name: &str, file: &str, text: String| -> Value {
+        let problem = place.path().join(name);
+        copy_folder(&suv(), &problem);
+        std::fs::remove_file(problem.join("reference/gnss.csv")).unwrap();
+        std::fs::write(problem.join("reference").join(file), text).unwrap();
+        let mut command = program();
+        let output =
+            command.arg("evaluate").arg(&problem).arg(&RESULT.1).args(["--json", "-q"]).assert().success();
+        let mut found: Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+        found["vehicles"][0].take()
+    };
+    let samples = rows(&suv().join("reference/gnss.csv"));
+    let cells = |row: &BTreeMap<String, String>| ["time_s", "x", "y", "z"].map(|name| row[name].clone());
+    let table: String = samples.iter().map(|row| format!("car1,{}\n", cells(row).join(","))).collect();
+    let tum: String = samples.iter().map(|row| format!("{} 0 0 0 1\n", cells(row).join(" "))).collect();
+    let of_table = of("table", "gnss.csv", format!("vehicle,time_s,x,y,z\n{table}"));
+    assert!(of_table["track"]["compared"].as_u64().unwrap() > 100);
+    assert_eq!(of_table, of("tum", "car1.tum", tum));
 }

@@ -46,7 +46,7 @@ enum Command {
     Initialise(initialise::Arguments),
     /// Adjust shapes, vehicle poses and camera poses together.
     Refine(refine::Arguments),
-    /// Compare the tracks of a result with reference/gnss.csv, which is never adjusted to.
+    /// Compare a result with the GNSS tracks and scans of reference/, which are never adjusted to.
     Evaluate(evaluate::Arguments),
     /// Print completions for a shell: source <(trackbundle completions bash)
     Completions {

@@ -20,6 +20,7 @@ use curve::Curve;
 use nalgebra::Point3;
 use pairs::Association;
 use shape::{Registering, ShapeComparison, compare_shape};
+use std::collections::HashSet;
 use track::{Comparison, TrackComparison, compare};
 
 /// Which offset of the receiver's clock is applied: `t_reference = t_video + offset`.
@@ -113,14 +114,11 @@ pub fn evaluate(
         let track = result.iter().find(|(id, _)| id == vehicle).map(|(_, track)| track.as_slice());
         let positions =
             reference.tracks.iter().find(|(id, _)| id == vehicle).map(|(_, track)| track.as_slice());
-        let file = "reference/gnss.csv";
         let compared = match (track, positions) {
-            (None, None) => Err(format!("neither the result nor {file} has its track")),
+            (None, None) => Err("neither the result nor reference/ has its track".to_owned()),
             (None, Some(_)) => Err("the result has no track of it".to_owned()),
-            (Some(_), None) => Err(format!("{file} has no position of it")),
-            (Some(_), Some(positions)) if is_used(vehicle, positions, used) => Err(format!(
-                "positions of {file} are observations (observations/gnss.csv): what was adjusted to is no check"
-            )),
+            (Some(_), None) => Err("reference/ has no position of it".to_owned()),
+            (Some(_), Some(positions)) if is_used(vehicle, positions, used) => Err("positions of its reference are observations (observations/gnss.csv): what was adjusted to is no check".to_owned()),
             (Some(track), Some(positions)) => evaluate_vehicle(vehicle, track, positions, options),
         };
         match compared {
@@ -154,12 +152,22 @@ pub fn evaluate_shapes(
     (compared, others)
 }
 
-/// Whether any of the positions was an observation of the vehicle, to a tenth of a millimetre.
+/// Whether positions were observations of the vehicle: any to a tenth of a millimetre, or more than half of them
+/// to a millimetre, as after a way through another format.
 fn is_used(vehicle: &str, positions: &[GnssPosition], used: &[(String, Point3<f64>)]) -> bool {
-    let key = |p: &Point3<f64>| [p.x, p.y, p.z].map(|v| (v * 1e4).round() as i64);
-    let own = used.iter().filter(|(id, _)| id == vehicle);
-    let used: std::collections::HashSet<[i64; 3]> = own.map(|(_, position)| key(position)).collect();
-    positions.iter().any(|p| used.contains(&key(&p.position)))
+    let cell = |p: &Point3<f64>, side_m: f64| [p.x, p.y, p.z].map(|v| (v / side_m).round() as i64);
+    let own: Vec<&Point3<f64>> = used.iter().filter(|(id, _)| id == vehicle).map(|(_, p)| p).collect();
+    let fine: HashSet<[i64; 3]> = own.iter().map(|p| cell(p, 1e-4)).collect();
+    let coarse: HashSet<[i64; 3]> = own.iter().map(|p| cell(p, 1e-3)).collect();
+    let is_near = |p: &Point3<f64>| {
+        let [x, y, z] = cell(p, 1e-3);
+        let beside = |i: i64| [i / 9 % 3 - 1, i / 3 % 3 - 1, i % 3 - 1];
+        (0..27).map(beside).any(|[i, j, k]| {
+            coarse.contains(&[x.saturating_add(i), y.saturating_add(j), z.saturating_add(k)])
+        })
+    };
+    positions.iter().any(|p| fine.contains(&cell(&p.position, 1e-4)))
+        || 2 * positions.iter().filter(|p| is_near(&p.position)).count() > positions.len()
 }
 
 /// What a track's own error does to the offset, were it a drift over all of the film as large as its standard
@@ -193,4 +201,25 @@ fn evaluate_vehicle(
     let comparison = Comparison { offset_s, association, alignment };
     let track = compare(track, &curve, reference, &reference_curve, &comparison)?;
     Ok(VehicleEvaluation { vehicle: vehicle.to_owned(), clock, track })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_observed_is_known_again_after_a_way_through_another_format() {
+        let place = |i: usize| Point3::new(100.0 + 0.31 * i as f64, 7.0005, -3.2);
+        let used: Vec<_> = (0..10).map(|i| ("a".to_owned(), place(i))).collect();
+        let moved = |shift_m: f64, of: fn(usize) -> bool| -> Vec<GnssPosition> {
+            let shift = |i| nalgebra::Vector3::new(0.0, if of(i) { shift_m } else { 1.0 }, 0.0);
+            let at = |i| GnssPosition { position: place(i) + shift(i), ..GnssPosition::default() };
+            (0..10).map(at).collect()
+        };
+        assert!(is_used("a", &moved(0.0, |i| i == 3), &used));
+        assert!(is_used("a", &moved(7e-4, |i| i < 6), &used));
+        assert!(!is_used("a", &moved(7e-4, |i| i < 5), &used));
+        assert!(!is_used("a", &moved(3e-3, |_| true), &used));
+        assert!(!is_used("b", &moved(0.0, |_| true), &used));
+    }
 }

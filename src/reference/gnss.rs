@@ -4,7 +4,8 @@ use crate::tables::{self, Finding, Findings, Line, Sigma, input_row};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
 
-const FILE: &str = "reference/gnss.csv";
+/// The table.
+pub const FILE: &str = "reference/gnss.csv";
 
 input_row!(
     /// A row of the table.

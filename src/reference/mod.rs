@@ -4,11 +4,12 @@
 
 mod gnss;
 mod matrix;
+mod receiver;
 mod scan;
 mod truth;
 
 use crate::geometry::Pose;
-use crate::tables::Findings;
+use crate::tables::{Finding, Findings};
 pub use gnss::GnssPosition;
 pub use scan::{Scan, read_cloud};
 use std::path::Path;
@@ -30,7 +31,10 @@ pub struct Reference {
 fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings) {
     let Ok(entries) = std::fs::read_dir(problem_folder.join("reference")) else { return };
     let is_read = |name: &str| {
-        name == "gnss.csv"
+        ["reference/gnss.csv", receiver::SETTING_FILE]
+            .iter()
+            .any(|file| file.strip_prefix("reference/") == Some(name))
+            || receiver::is_track(name, vehicles)
             || scan::is_scan(name, vehicles)
             || vehicles.iter().any(|id| name.strip_suffix(matrix::END) == Some(id))
     };
@@ -39,16 +43,40 @@ fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: 
     names.sort();
     if !names.is_empty() {
         findings.warn(format!(
-            "reference: not read (neither gnss.csv nor a scan or track of a vehicle of problem.toml): {}",
+            "reference: not read (neither a scan nor a track of a vehicle of problem.toml): {}",
             names.join(", ")
         ));
     }
 }
 
+/// The track of each vehicle that has one; two for one vehicle are refused.
+fn read_tracks(
+    problem_folder: &Path,
+    vehicles: &[String],
+    findings: &mut Findings,
+) -> Vec<(String, Vec<GnssPosition>)> {
+    let mut tracks = gnss::read(problem_folder, vehicles, findings);
+    let mut files: Vec<(String, String)> =
+        tracks.iter().map(|(vehicle, _)| (vehicle.clone(), gnss::FILE.to_owned())).collect();
+    for (vehicle, file, track) in receiver::read(problem_folder, vehicles, findings) {
+        match files.iter().find(|(id, _)| *id == vehicle) {
+            Some((_, other)) => {
+                let wanted = format!("one track of {vehicle}");
+                findings.error(Finding::of_file(&file, &wanted, &format!("another one in {other}")));
+            }
+            None => {
+                files.push((vehicle.clone(), file));
+                tracks.push((vehicle, track));
+            }
+        }
+    }
+    tracks
+}
+
 /// Reads and validates the folder `reference` of a problem with these vehicles.
 pub fn read_reference(problem_folder: &Path, vehicles: &[String]) -> Result<Reference, Findings> {
     let mut findings = Findings::default();
-    let tracks = gnss::read(problem_folder, vehicles, &mut findings);
+    let tracks = read_tracks(problem_folder, vehicles, &mut findings);
     let scans = scan::read(problem_folder, vehicles, &mut findings);
     let matrices = matrix::read(problem_folder, vehicles, &mut findings);
     warn_of_files_not_read(problem_folder, vehicles, &mut findings);
@@ -68,7 +96,7 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let folder = place.path().join("reference");
         std::fs::create_dir(&folder).unwrap();
-        for name in ["car1.txt", "car1.pos", "ghost.matrix.txt", "ghost.ply"] {
+        for name in ["car1.txt", "ghost.pos", "ghost.matrix.txt", "ghost.ply"] {
             std::fs::write(folder.join(name), "x").unwrap();
         }
         let gnss = "vehicle,time_s,x,y,z,antenna\ncar1,0,1,2,3,a\n";
@@ -76,6 +104,25 @@ mod tests {
         let reference = read_reference(place.path(), &["car1".to_owned()]).unwrap();
         assert_eq!(reference.warnings.len(), 2, "{:?}", reference.warnings);
         assert!(reference.warnings[0].contains("antenna"));
-        assert!(reference.warnings[1].ends_with(": car1.pos, car1.txt, ghost.matrix.txt, ghost.ply"));
+        assert!(reference.warnings[1].ends_with(": car1.txt, ghost.matrix.txt, ghost.ply, ghost.pos"));
+    }
+
+    #[test]
+    fn a_vehicle_has_one_track() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("reference");
+        std::fs::create_dir(&folder).unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+        write("b.tum", "0 1 2 3 0 0 0 1\n");
+        write("gnss.csv", "vehicle,time_s,x,y,z\na,0,1,2,3\n");
+        let vehicles = ["a".to_owned(), "b".to_owned()];
+        let found = read_reference(place.path(), &vehicles).unwrap();
+        assert_eq!(found.tracks.iter().map(|(id, _)| id.as_str()).collect::<Vec<_>>(), ["a", "b"]);
+        write("a.tum", "0 1 2 3 0 0 0 1\n");
+        let told = read_reference(place.path(), &vehicles).unwrap_err().to_string();
+        assert_eq!(
+            told,
+            "reference/a.tum: expected one track of a, found \"another one in reference/gnss.csv\"\n"
+        );
     }
 }
