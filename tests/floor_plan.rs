@@ -94,7 +94,7 @@ const PLAN: &[(u32, &str, &[&str])] = &[
             "nlls/loss",
         ],
     ),
-    (7, "scene", &["refine", "estimate", "problem", "geometry", "nlls/minimise"]),
+    (8, "scene", &["diagnose", "refine", "estimate", "problem", "geometry", "nlls/minimise"]),
     (
         9,
         "cli",

@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     tables.push(start_residuals_table(&problem, &fits));
     let draw = |_: &_| {
         let summary = format!("# {}\n\nFirst estimate, not adjusted.", problem.name);
-        scene(&problem, &initial.estimate, &initial.estimate, &fits, &[], summary)
+        scene(&problem, &initial.estimate, &initial.estimate, &fits, None, &[], summary)
     };
     let folder = output.write(&arguments.out, &tables, &mut report, draw)?;
     if !output.json && !output.quiet {

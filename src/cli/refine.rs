@@ -151,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let draw = |report: &Report| {
         let summary =
             format!("# {}\n\n```\n{}```\n", problem.name, summary(adjustment, report, verdict.as_ref()));
-        scene(&problem, &initial.estimate, estimate, &adjustment.fits, &records, summary)
+        scene(&problem, &initial.estimate, estimate, &adjustment.fits, precision, &records, summary)
     };
     let folder = output.write(&target, &tables, &mut report, draw)?;
     if !output.json && !output.quiet {

@@ -165,7 +165,7 @@ impl Verdict {
                 let medians = [0, 1, 2].map(|axis| median(sigmas.iter().map(|s| s[axis]).collect()));
                 let open = sigmas.iter().filter(|s| s.iter().any(|v| v.is_infinite())).count();
                 let mut text = format!(
-                    "of {}: median sigma {} {} {}",
+                    "of {}: median sigma x {}, y {}, z {}",
                     vehicle.id,
                     centimetres(medians[0]),
                     centimetres(medians[1]),

@@ -158,7 +158,7 @@ impl ShapeComparison {
             Registering::None => "none, as both stand".to_owned(),
             Registering::Given => "by the given matrix".to_owned(),
             Registering::Icp => format!(
-                "by iterated closest points, which moved the points by {:.1} cm and {:.2} deg ({:.0} % belong to the scan{})",
+                "by iterated closest points, which moved the points by {:.1} cm and {:.2} deg (overlap {:.0} %{})",
                 100.0 * moved_m,
                 turned_rad.to_degrees(),
                 100.0 * overlap.map_or(0.0, |(share, _)| share),

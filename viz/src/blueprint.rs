@@ -11,10 +11,12 @@ use rerun::external::re_sdk_types::blueprint::components::{PanelState, PlayState
 /// The layout for bodies of these ids. It opens on the timeline `frame`, paused at the first one.
 pub fn layout<'a>(bodies: impl Iterator<Item = &'a str>) -> Blueprint {
     let world = Spatial3DView::new("World").with_origin(path::WORLD).with_contents(["+ $origin/**"]);
-    let camera = Spatial2DView::new("Camera: observed and computed image points")
+    let camera = Spatial2DView::new("Camera: observed and computed image points, residuals x 20")
         .with_origin(path::IMAGE)
         .with_contents(["+ $origin/**"]);
     let speed = TimeSeriesView::new("Speed [m/s]").with_origin(path::SPEED);
+    let heading = TimeSeriesView::new("Heading [deg]").with_origin(path::HEADING);
+    let sigma = TimeSeriesView::new("Sigma of the track [m]").with_origin(path::SIGMA);
     let residuals = TimeSeriesView::new("Residuals, rms per frame [px]").with_origin(path::RESIDUALS);
     let cost = BarChartView::new("Cost by iteration (log10)").with_origin(path::COST_BARS);
     let iterations = TimeSeriesView::new("Iterations (timeline: iteration)").with_origin(path::ITERATIONS);
@@ -22,15 +24,22 @@ pub fn layout<'a>(bodies: impl Iterator<Item = &'a str>) -> Blueprint {
     let tabs = |views: Vec<ContainerLike>| ContainerLike::from(Tabs::new(views));
     let right = Vertical::new([
         camera.into(),
-        tabs(vec![speed.into(), residuals.into()]),
+        tabs(vec![speed.into(), heading.into(), sigma.into(), residuals.into()]),
         tabs(vec![cost.into(), iterations.into(), summary.into()]),
     ])
     .with_row_shares([5.0_f32, 3.0, 3.0]);
+    // Ellipsoids hide what they belong to: they have a view of their own.
+    let shape = |id: &str, told: &str, contents: &[&str]| {
+        let origin = format!("{}/{id}", path::SHAPES);
+        let view = Spatial3DView::new(format!("Shape of {id}, {told}")).with_origin(origin);
+        ContainerLike::from(view.with_contents(contents.iter().copied()))
+    };
     let shapes: Vec<ContainerLike> = bodies
-        .map(|id| {
-            let name = format!("Shape of {id}, before and after");
-            let origin = format!("{}/{id}", path::SHAPES);
-            Spatial3DView::new(name).with_origin(origin).with_contents(["+ $origin/**"]).into()
+        .flat_map(|id| {
+            [
+                shape(id, "before and after", &["+ $origin/**", "- $origin/precision"]),
+                shape(id, "95 % ellipsoids", &["+ $origin/precision", "+ $origin/after"]),
+            ]
         })
         .collect();
     let left = if shapes.is_empty() {

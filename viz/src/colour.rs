@@ -9,4 +9,27 @@ pub const CHECK: Colour = 0xCC79_A7FF;
 pub const TIE: Colour = 0xAAAA_AAFF;
 pub const OBSERVED: Colour = 0xF0E4_42FF;
 pub const REJECTED: Colour = 0xD55E_00FF;
+pub const RESIDUAL: Colour = 0xFFFF_FFFF;
+/// To either side of a curve, thinner than it.
+pub const BAND: Colour = 0xCCCC_CCFF;
 pub const GROUND: Colour = 0x4646_46FF;
+pub const ELLIPSOID: Colour = 0xFFFF_FFFF;
+/// Three axes that differ in brightness.
+pub const AXES: [Colour; 3] = [0xD55E_00FF, 0x56B4_E9FF, 0xF0E4_42FF];
+
+/// Upper limits of the classes of standard deviations \[m\], and their colours from bright and good to dark and poor
+/// (viridis, its end lightened for a dark background); grey where nothing determines it.
+const CLASSES: [(f64, Colour); 4] =
+    [(0.01, 0xFDE7_25FF), (0.02, 0x5EC9_62FF), (0.05, 0x2191_8CFF), (0.10, 0x3B52_8BFF)];
+const POOR: Colour = 0x8A5B_B5FF;
+const OPEN: Colour = 0x7777_77FF;
+
+/// The colour of a point with these standard deviations \[m\], by the largest of them.
+pub fn of_sigma(sigma_m: [f64; 3]) -> Colour {
+    let largest = sigma_m.into_iter().fold(0.0, f64::max);
+    match CLASSES.iter().find(|(limit, _)| largest <= *limit) {
+        Some((_, colour)) => *colour,
+        None if largest.is_finite() => POOR,
+        None => OPEN,
+    }
+}

@@ -17,5 +17,5 @@ mod scene;
 pub use recording::{RecordingError, save};
 pub use scene::{
     Body, Camera, Frame, ImagePoint, ImagePointKind, Iteration, Marking, Pose, Scene, State, Target,
-    TargetRole, TrackPoint,
+    TargetRole, TrackPoint, TrackPrecision,
 };

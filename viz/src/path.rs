@@ -10,6 +10,10 @@ pub const IMAGE: &str = "world/camera/image";
 pub const SHAPES: &str = "shapes";
 /// Horizontal speed of each body.
 pub const SPEED: &str = "plots/speed";
+/// Heading of each body.
+pub const HEADING: &str = "plots/heading";
+/// Standard deviations of each body's track.
+pub const SIGMA: &str = "plots/sigma";
 /// Root mean square of the residuals of each frame.
 pub const RESIDUALS: &str = "plots/residuals";
 /// Cost, damping and step of each iteration, as curves.

@@ -6,10 +6,13 @@
 use crate::blueprint;
 use crate::colour::{self, Colour};
 use crate::path;
-use crate::scene::{Body, ImagePoint, ImagePointKind, Marking, Pose, Scene, State, TargetRole};
+use crate::scene::{
+    Body, ImagePoint, ImagePointKind, Marking, Pose, Scene, State, TargetRole, TrackPoint, TrackPrecision,
+};
 use rerun::{
-    Clear, LineStrips3D, Pinhole, Points2D, Points3D, Quaternion, RecordingStream, RecordingStreamBuilder,
-    RecordingStreamError, Scalars, SerializationError, SeriesLines, TextDocument, TimeColumn, Transform3D,
+    Arrows2D, Clear, Ellipsoids3D, LineStrips3D, Pinhole, Points2D, Points3D, Quaternion, RecordingStream,
+    RecordingStreamBuilder, RecordingStreamError, Scalars, SerializationError, SeriesLines, TextDocument,
+    TimeColumn, Transform3D,
 };
 use std::path::Path;
 
@@ -53,6 +56,31 @@ fn record(scene: &Scene, stream: &RecordingStream) -> Recorded {
     stream.send_recording_name(scene.name.as_str())?;
     blueprint::layout(scene.bodies.iter().map(|body| body.id.as_str())).send(stream, Default::default())?;
     Recorder { stream, scene, origin_m: scene.local_origin_m() }.record()
+}
+
+/// A place in three dimensions is within so many standard deviations in 95 % of cases.
+const NORMAL_95: f64 = 2.795_483;
+/// Between ellipsoids of a track \[s\].
+const ELLIPSOID_STEP_S: f64 = 1.0;
+/// Arrows of residuals are so many times as long.
+const RESIDUAL_FACTOR: f64 = 20.0;
+
+/// Standard deviations along axes that are turned about z.
+struct Ellipsoid {
+    centre: [f32; 3],
+    sigma_m: [f64; 3],
+    turn_rad: f64,
+}
+
+impl Ellipsoid {
+    /// The principal axes in the plane, and z by itself.
+    fn of_track(centre: [f32; 3], precision: &TrackPrecision) -> Self {
+        let [x, y, z] = precision.sigma_m;
+        let (xx, yy, xy) = (x * x, y * y, precision.covariance_xy_m2);
+        let (mean, half) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+        let turn_rad = 0.5 * (2.0 * xy).atan2(xx - yy);
+        Ellipsoid { centre, sigma_m: [(mean + half).sqrt(), (mean - half).max(0.0).sqrt(), z], turn_rad }
+    }
 }
 
 struct Recorder<'a> {
@@ -143,8 +171,52 @@ impl Recorder<'_> {
                 .with_labels(of_role.iter().map(|t| t.id.as_str()))
                 .with_show_labels(false);
             self.stream.log_static(format!("world/targets/{name}"), &points)?;
+            let known = of_role.iter().filter_map(|t| {
+                Some(Ellipsoid { centre: self.local(t.position_m), sigma_m: t.sigma_m?, turn_rad: 0.0 })
+            });
+            self.ellipsoids(&format!("world/targets/{name}/survey"), known, colour)?;
         }
         Ok(())
+    }
+
+    /// Ellipsoids in which a place is in 95 % of cases; where nothing determines it there is none.
+    fn ellipsoids(
+        &self,
+        entity: &str,
+        ellipsoids: impl Iterator<Item = Ellipsoid>,
+        colour: Colour,
+    ) -> Recorded {
+        let is_known = |e: &Ellipsoid| e.sigma_m.iter().all(|s| s.is_finite()) && e.sigma_m != [0.0; 3];
+        let known: Vec<Ellipsoid> = ellipsoids.filter(is_known).collect();
+        if known.is_empty() {
+            return Ok(());
+        }
+        let half_sizes = known.iter().map(|e| e.sigma_m.map(|sigma| (NORMAL_95 * sigma) as f32));
+        let turn = |e: &Ellipsoid| {
+            let (sin, cos) = (0.5 * e.turn_rad).sin_cos();
+            Quaternion::from_xyzw([0.0, 0.0, sin as f32, cos as f32])
+        };
+        let drawn = Ellipsoids3D::from_centers_and_half_sizes(known.iter().map(|e| e.centre), half_sizes)
+            .with_quaternions(known.iter().map(turn))
+            .with_colors([colour])
+            .with_line_radii([on_screen(0.5)]);
+        Ok(self.stream.log_static(entity, &drawn)?)
+    }
+
+    /// Ellipsoids of a track, about one a second.
+    fn track_ellipsoids(&self, id: &str, track: &[TrackPoint]) -> Recorded {
+        let mut next_s = f64::NEG_INFINITY;
+        let picked = track.iter().filter(|place| {
+            let time_s = self.scene.frames[place.frame].time_s;
+            let is_due = time_s >= next_s;
+            if is_due {
+                next_s = time_s + ELLIPSOID_STEP_S;
+            }
+            is_due
+        });
+        let ellipsoids = picked
+            .filter_map(|place| Some(Ellipsoid::of_track(self.local(place.position_m), &place.precision?)));
+        self.ellipsoids(&format!("world/paths/{id}/precision"), ellipsoids, colour::ELLIPSOID)
     }
 
     fn camera(&self) -> Recorded {
@@ -188,9 +260,16 @@ impl Recorder<'_> {
             let count = points.len();
             let own_frame = format!("{}/{}", path::SHAPES, body.id);
             self.stream.log_static(own_frame.as_str(), &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
-            let shape = Points3D::new(points.clone()).with_colors([colour]).with_radii([0.6 * radius_m]);
+            let colours: Vec<Colour> = match state.sigmas_m.len() {
+                known if known == count && known > 0 => {
+                    state.sigmas_m.iter().map(|s| s.map_or(colour, colour::of_sigma)).collect()
+                }
+                _ => vec![colour],
+            };
+            let shape =
+                Points3D::new(points.clone()).with_colors(colours.clone()).with_radii([0.6 * radius_m]);
             self.stream.log_static(format!("{own_frame}/{name}"), &shape)?;
-            let style = Points3D::update_fields().with_colors([colour]).with_radii([radius_m]);
+            let style = Points3D::update_fields().with_colors(colours).with_radii([radius_m]);
             self.stream.log_static(format!("{entity}/shape"), &style)?;
             let columns = Points3D::update_fields().with_positions(points).columns([count])?;
             self.stream.send_columns(format!("{entity}/shape"), self.times(&[*first]), columns)?;
@@ -202,6 +281,53 @@ impl Recorder<'_> {
             let track = state.track.iter().map(|t| t.position_m);
             self.strip(&format!("world/paths/{}/{name}", body.id), track, colour, width)?;
             self.speed(&body.id, name, state, colour)?;
+            let places = state.track.iter().map(|t| (t.frame, t.heading_deg));
+            let (frames, headings): (Vec<usize>, Vec<f64>) = places.unzip();
+            let heading = format!("{}/{}", path::HEADING, body.id);
+            self.curve(
+                &format!("{heading}/{name}"),
+                &format!("{} {name}", body.id),
+                colour,
+                &frames,
+                headings,
+            )?;
+        }
+        self.precision(&body.id, &body.after)
+    }
+
+    /// What is known of the adjusted state: ellipsoids of shape and track, bands of the curves.
+    fn precision(&self, id: &str, state: &State) -> Recorded {
+        let ellipsoids = state.points_m.iter().zip(&state.sigmas_m).filter_map(|(centre, sigma)| {
+            Some(Ellipsoid { centre: centre.map(|v| v as f32), sigma_m: (*sigma)?, turn_rad: 0.0 })
+        });
+        self.ellipsoids(&format!("{}/{id}/precision", path::SHAPES), ellipsoids, colour::ELLIPSOID)?;
+        self.track_ellipsoids(id, &state.track)?;
+        self.bands(id, state)
+    }
+
+    /// Standard deviations of a track over time, and two of them to either side of speed and heading.
+    fn bands(&self, id: &str, state: &State) -> Recorded {
+        let known = |of: &dyn Fn(&TrackPoint, &TrackPrecision) -> Option<f64>| -> (Vec<usize>, Vec<f64>) {
+            let value = |t: &TrackPoint| Some((t.frame, of(t, t.precision.as_ref()?)?));
+            state.track.iter().filter_map(value).filter(|(_, value)| value.is_finite()).unzip()
+        };
+        for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
+            let (frames, sigmas) = known(&|_, precision| Some(precision.sigma_m[axis]));
+            if !frames.is_empty() {
+                let entity = format!("{}/{id}/{letter}", path::SIGMA);
+                self.curve(&entity, &format!("{id} {letter}"), colour::AXES[axis], &frames, sigmas)?;
+            }
+        }
+        for (end, sign) in [("upper", 2.0), ("lower", -2.0)] {
+            let speeds = known(&|t, precision| Some(t.speed_mps? + sign * precision.sigma_speed_mps?));
+            let headings = known(&|t, precision| Some(t.heading_deg + sign * precision.sigma_heading_deg));
+            for (root, (frames, values)) in [(path::SPEED, speeds), (path::HEADING, headings)] {
+                if !frames.is_empty() {
+                    let entity = format!("{root}/{id}/after_{end}");
+                    let legend = format!("{id} {end} 2 sigma");
+                    self.curve(&entity, &legend, colour::BAND, &frames, values)?;
+                }
+            }
         }
         Ok(())
     }
@@ -221,7 +347,8 @@ impl Recorder<'_> {
         frames: &[usize],
         values: Vec<f64>,
     ) -> Recorded {
-        let style = SeriesLines::new().with_colors([colour]).with_names([legend]).with_widths([2.0]);
+        let width = if colour == colour::BAND { 0.75 } else { 2.0 };
+        let style = SeriesLines::new().with_colors([colour]).with_names([legend]).with_widths([width]);
         self.stream.log_static(entity, &style)?;
         let columns = Scalars::update_fields().with_scalars(values).columns_of_unit_batches()?;
         Ok(self.stream.send_columns(entity, self.times(frames), columns)?)
@@ -238,7 +365,32 @@ impl Recorder<'_> {
         })?;
         self.image_layer("rejected", colour::REJECTED, 2.5, |points| {
             points.iter().filter(is_rejected).map(|p| p.observed_px).collect()
-        })
+        })?;
+        self.residual_arrows()
+    }
+
+    /// From the computed to the observed place of each image point that takes part, enlarged.
+    fn residual_arrows(&self) -> Recorded {
+        let entity = format!("{}/residuals", path::IMAGE);
+        let arrow = |p: &ImagePoint| {
+            let computed = p.computed_px.filter(|_| p.marking == Marking::Good)?;
+            let along = |axis: usize| (RESIDUAL_FACTOR * (p.observed_px[axis] - computed[axis])) as f32;
+            Some((computed.map(|v| v as f32), [along(0), along(1)]))
+        };
+        let per_frame: Vec<Vec<_>> =
+            self.scene.image_points.iter().map(|points| points.iter().filter_map(arrow).collect()).collect();
+        if per_frame.iter().all(Vec::is_empty) {
+            return Ok(());
+        }
+        let frames: Vec<usize> = (0..per_frame.len()).collect();
+        let style = Arrows2D::update_fields().with_colors([colour::RESIDUAL]).with_radii([on_screen(0.75)]);
+        self.stream.log_static(entity.as_str(), &style)?;
+        let all = || per_frame.iter().flatten();
+        let columns = Arrows2D::update_fields()
+            .with_origins(all().map(|(origin, _)| *origin))
+            .with_vectors(all().map(|(_, vector)| *vector))
+            .columns(per_frame.iter().map(Vec::len).collect::<Vec<_>>())?;
+        Ok(self.stream.send_columns(entity.as_str(), self.times(&frames), columns)?)
     }
 
     fn image_layer(
@@ -349,8 +501,20 @@ mod tests {
         };
         let state = || State {
             points_m: vec![[1.0, 0.0, 1.5], [-1.0, 0.0, 1.5]],
+            sigmas_m: vec![Some([0.01, 0.03, 0.015]), Some([0.01, f64::INFINITY, 0.01])],
             poses: vec![(0, pose(1.0))],
-            track: vec![TrackPoint { frame: 0, position_m: pose(1.0).position_m, speed_mps: Some(3.0) }],
+            track: vec![TrackPoint {
+                frame: 0,
+                position_m: pose(1.0).position_m,
+                speed_mps: Some(3.0),
+                heading_deg: 30.0,
+                precision: Some(TrackPrecision {
+                    sigma_m: [0.1, 0.1, 0.3],
+                    covariance_xy_m2: 0.006,
+                    sigma_speed_mps: Some(0.25),
+                    sigma_heading_deg: 0.5,
+                }),
+            }],
         };
         let image_point = |marking| ImagePoint {
             kind: ImagePointKind::Body,
@@ -373,6 +537,7 @@ mod tests {
                 id: "T1".to_owned(),
                 role: TargetRole::Control,
                 position_m: pose(3.0).position_m,
+                sigma_m: Some([0.01, 0.02, 0.03]),
             }],
             image_points: vec![vec![image_point(Marking::Good), image_point(Marking::Rejected)], vec![]],
             ground_z_m: Some(0.0),
@@ -486,6 +651,54 @@ mod tests {
         // Residual (-3, 4): the root mean square of its coordinates.
         let rms = numbers(&recorded["/plots/residuals/vehicle_points"], "scalars");
         assert!((rms[0] - 12.5_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn residuals_point_from_the_computed_to_the_observed_place() {
+        let recorded = recorded();
+        let arrows = &recorded["/world/camera/image/residuals"];
+        assert_eq!(numbers(arrows, "origins"), [13.0, 16.0]);
+        assert_eq!(numbers(arrows, "vectors"), [-60.0, 80.0]);
+    }
+
+    fn close(found: &[f64], wanted: &[f64]) -> bool {
+        found.len() == wanted.len() && found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6)
+    }
+
+    #[test]
+    fn ellipsoids_hold_95_per_cent_and_leave_out_what_is_not_determined() {
+        let recorded = recorded();
+        let sizes = |entity: &str| numbers(&recorded[entity], "half_sizes");
+        let scaled = |sigmas: &[f64]| sigmas.iter().map(|sigma| 2.795_483 * sigma).collect::<Vec<f64>>();
+        assert!(close(&sizes("/world/targets/control/survey"), &scaled(&[0.01, 0.02, 0.03])));
+        assert!(close(&sizes("/shapes/car/precision"), &scaled(&[0.01, 0.03, 0.015])));
+        // Correlation 0.6 of equal variances: axes at 45 degrees, variances 1.6 and 0.4 times as large.
+        let axes = [0.1 * 1.6_f64.sqrt(), 0.1 * 0.4_f64.sqrt(), 0.3];
+        assert!(close(&sizes("/world/paths/car/precision"), &scaled(&axes)));
+        let (sin, cos) = std::f64::consts::FRAC_PI_8.sin_cos();
+        assert!(close(
+            &numbers(&recorded["/world/paths/car/precision"], "quaternions"),
+            &[0.0, 0.0, sin, cos]
+        ));
+    }
+
+    #[test]
+    fn speed_and_heading_have_their_bands() {
+        let recorded = recorded();
+        let value = |entity: &str| numbers(&recorded[entity], "scalars");
+        assert_eq!(value("/plots/speed/car/after_upper"), [3.5]);
+        assert_eq!(value("/plots/speed/car/after_lower"), [2.5]);
+        assert_eq!(value("/plots/heading/car/after"), [30.0]);
+        assert_eq!(value("/plots/heading/car/after_lower"), [29.0]);
+        assert_eq!(value("/plots/sigma/car/z"), [0.3]);
+    }
+
+    #[test]
+    fn points_have_the_colour_of_their_worst_standard_deviation() {
+        let colours =
+            [[0.01, 0.002, 0.0], [0.011, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.0, 0.2]].map(colour::of_sigma);
+        assert_eq!(colours, [0xFDE7_25FF, 0x5EC9_62FF, 0x2191_8CFF, 0x8A5B_B5FF]);
+        assert_eq!(colour::of_sigma([0.01, f64::INFINITY, 0.01]), 0x7777_77FF);
     }
 
     #[test]

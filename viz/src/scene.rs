@@ -72,6 +72,9 @@ pub struct Body {
 pub struct State {
     /// Its points, in its own frame \[m\].
     pub points_m: Vec<[f64; 3]>,
+    /// Standard deviations of its points along the axes of its frame \[m\], infinite where nothing determines
+    /// them; none at all where they were not computed.
+    pub sigmas_m: Vec<Option<[f64; 3]>>,
     /// Its pose in each frame in which it is there.
     pub poses: Vec<(usize, Pose)>,
     /// The track of its marker.
@@ -87,6 +90,23 @@ pub struct TrackPoint {
     pub position_m: [f64; 3],
     /// Horizontal speed \[m/s\].
     pub speed_mps: Option<f64>,
+    /// Heading, counter-clockwise from x \[deg\].
+    pub heading_deg: f64,
+    /// How well it is known.
+    pub precision: Option<TrackPrecision>,
+}
+
+/// Standard deviations of a place on a track; infinite where nothing determines them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackPrecision {
+    /// Along x, y, z \[m\].
+    pub sigma_m: [f64; 3],
+    /// Covariance of x and y \[m^2\].
+    pub covariance_xy_m2: f64,
+    /// Of the horizontal speed \[m/s\].
+    pub sigma_speed_mps: Option<f64>,
+    /// Of the heading \[deg\].
+    pub sigma_heading_deg: f64,
 }
 
 /// What a target is for.
@@ -109,6 +129,8 @@ pub struct Target {
     pub role: TargetRole,
     /// Where it is \[m\].
     pub position_m: [f64; 3],
+    /// Standard deviations of its survey along x, y, z \[m\].
+    pub sigma_m: Option<[f64; 3]>,
 }
 
 /// What an image point shows.

@@ -40,7 +40,9 @@ pub fn headlines(found: &VehicleEvaluation) -> [Headline; 2] {
         Some(speed) => Headline {
             name: format!("Speed of {}", found.vehicle),
             value: format!("{} m/s", decimal(speed.mad, 3)),
-            meaning: "half of the speeds differ less than this from the median difference".to_owned(),
+            meaning:
+                "half of the speeds differ less than this from those of GNSS, the median difference apart"
+                    .to_owned(),
             more: format!(
                 "median {} m/s; half width at half maximum {}",
                 decimal(speed.median, 3),
