@@ -1,5 +1,7 @@
 //! Results into what `viz` draws.
 
+mod ground;
+
 use crate::diagnose::{Precision, TrackPrecision};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{self, quaternion_wxyz};
@@ -34,20 +36,13 @@ pub fn scene(
         bodies: bodies(problem, start, end, precision),
         targets: targets(problem, end),
         image_points: image_points(problem, fits),
-        ground_z_m: ground_z_m(problem, start),
+        ground: ground::ground(problem, end),
         iterations: iterations
             .iter()
             .map(|r| viz::Iteration { cost: r.cost, damping: r.damping, step: r.step })
             .collect(),
         summary,
     }
-}
-
-/// Height of the ground where a vehicle first stands on it.
-fn ground_z_m(problem: &Problem, start: &Estimate) -> Option<f64> {
-    let terrain = &problem.ground.as_ref()?.terrain;
-    let mut poses = start.vehicles.iter().flat_map(|vehicle| vehicle.poses.iter().flatten());
-    poses.find_map(|pose| Some(terrain.at(pose.translation.x, pose.translation.y).ok()?.height_m))
 }
 
 fn pose(pose: &geometry::Pose) -> viz::Pose {

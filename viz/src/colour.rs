@@ -12,7 +12,7 @@ pub const REJECTED: Colour = 0xD55E_00FF;
 pub const RESIDUAL: Colour = 0xFFFF_FFFF;
 /// To either side of a curve, thinner than it.
 pub const BAND: Colour = 0xCCCC_CCFF;
-pub const GROUND: Colour = 0x4646_46FF;
+pub const GROUND: Colour = 0xB08D_57FF;
 pub const ELLIPSOID: Colour = 0xFFFF_FFFF;
 /// Three axes that differ in brightness.
 pub const AXES: [Colour; 3] = [0xD55E_00FF, 0x56B4_E9FF, 0xF0E4_42FF];

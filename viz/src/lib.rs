@@ -16,6 +16,6 @@ mod scene;
 #[cfg(feature = "rerun")]
 pub use recording::{RecordingError, save};
 pub use scene::{
-    Body, Camera, Frame, ImagePoint, ImagePointKind, Iteration, Marking, Pose, Scene, State, Target,
+    Body, Camera, Frame, Ground, ImagePoint, ImagePointKind, Iteration, Marking, Pose, Scene, State, Target,
     TargetRole, TrackPoint, TrackPrecision,
 };

@@ -7,7 +7,8 @@ use crate::blueprint;
 use crate::colour::{self, Colour};
 use crate::path;
 use crate::scene::{
-    Body, ImagePoint, ImagePointKind, Marking, Pose, Scene, State, TargetRole, TrackPoint, TrackPrecision,
+    Body, Ground, ImagePoint, ImagePointKind, Marking, Pose, Scene, State, TargetRole, TrackPoint,
+    TrackPrecision,
 };
 use rerun::{
     Arrows2D, Clear, Ellipsoids3D, LineStrips3D, Pinhole, Points2D, Points3D, Quaternion, RecordingStream,
@@ -131,27 +132,26 @@ impl Recorder<'_> {
         Ok(self.stream.log_static(entity, &strips)?)
     }
 
-    /// A grid of 10 m on the ground, around everything that moves.
+    /// The lines of the lattice, as far as there is ground.
     fn ground(&self) -> Recorded {
-        let Some(z) = self.scene.ground_z_m else { return Ok(()) };
-        let tracks = self.scene.bodies.iter().flat_map(|b| b.after.track.iter().map(|t| t.position_m));
-        let targets = self.scene.targets.iter().map(|t| t.position_m);
-        let places: Vec<[f64; 3]> = tracks.chain(targets).collect();
-        let span = |axis: usize| {
-            let (low, high) = places.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
-                (low.min(p[axis]), high.max(p[axis]))
-            });
-            // A lost point must not make a grid of millions of lines.
-            let (low, high) = if low.is_finite() { (low, high.min(low + 2000.0)) } else { (0.0, 0.0) };
-            (10.0 * (low / 10.0).floor(), 10.0 * (high / 10.0).ceil())
+        let Ground { lines_m: [x, y], heights_m } = &self.scene.ground;
+        let place = |i: usize, j: usize| {
+            let height = heights_m.get(j * x.len() + i).copied().flatten();
+            height.map(|z| self.local([x[i], y[j], z]))
         };
-        let (x, y) = (span(0), span(1));
-        let steps = |(low, high): (f64, f64)| {
-            (0..=((high - low) / 10.0) as usize).map(move |i| low + 10.0 * i as f64)
-        };
-        let along_y = steps(x).map(|at| [self.local([at, y.0, z]), self.local([at, y.1, z])]);
-        let along_x = steps(y).map(|at| [self.local([x.0, at, z]), self.local([x.1, at, z])]);
-        let grid = LineStrips3D::new(along_y.chain(along_x)).with_colors([colour::GROUND]).with_radii([0.02]);
+        let along_x = (0..y.len()).map(|j| (0..x.len()).map(|i| place(i, j)).collect());
+        let along_y = (0..x.len()).map(|i| (0..y.len()).map(|j| place(i, j)).collect());
+        let lines: Vec<Vec<Option<[f32; 3]>>> = along_x.chain(along_y).collect();
+        let strips: Vec<Vec<[f32; 3]>> = lines
+            .iter()
+            .flat_map(|line| line.split(Option::is_none))
+            .filter(|part| part.len() > 1)
+            .map(|part| part.iter().flatten().copied().collect())
+            .collect();
+        if strips.is_empty() {
+            return Ok(());
+        }
+        let grid = LineStrips3D::new(strips).with_colors([colour::GROUND]).with_radii([on_screen(0.4)]);
         Ok(self.stream.log_static("world/ground", &grid)?)
     }
 
@@ -347,7 +347,12 @@ impl Recorder<'_> {
         frames: &[usize],
         values: Vec<f64>,
     ) -> Recorded {
-        let width = if colour == colour::BAND { 0.75 } else { 2.0 };
+        let width = match colour {
+            colour::BAND => 0.75,
+            // The viewer draws it last.
+            colour::BEFORE => 1.0,
+            _ => 2.0,
+        };
         let style = SeriesLines::new().with_colors([colour]).with_names([legend]).with_widths([width]);
         self.stream.log_static(entity, &style)?;
         let columns = Scalars::update_fields().with_scalars(values).columns_of_unit_batches()?;
@@ -540,7 +545,10 @@ mod tests {
                 sigma_m: Some([0.01, 0.02, 0.03]),
             }],
             image_points: vec![vec![image_point(Marking::Good), image_point(Marking::Rejected)], vec![]],
-            ground_z_m: Some(0.0),
+            ground: Ground {
+                lines_m: [vec![7e5, 700_005.0, 700_010.0], vec![5e6, 5_000_005.0]],
+                heights_m: vec![Some(0.0), Some(0.5), None, Some(0.25), Some(1.0), Some(2.0)],
+            },
             iterations: vec![
                 Iteration { cost: 100.0, damping: 1e-9, step: 0.0 },
                 Iteration { cost: 1.0, damping: 1e-9, step: 10.0 },
@@ -573,11 +581,16 @@ mod tests {
         named
             .flat_map(|column| {
                 let mut values = column.list_array.values().clone();
-                // Vectors are lists of a fixed size.
-                while let Some(list) =
-                    values.as_any().downcast_ref::<rerun::external::arrow::array::FixedSizeListArray>()
-                {
-                    values = list.values().clone();
+                // Vectors are lists of a fixed size, lines lists of any.
+                loop {
+                    let fixed =
+                        values.as_any().downcast_ref::<rerun::external::arrow::array::FixedSizeListArray>();
+                    let free = values.as_any().downcast_ref::<rerun::external::arrow::array::ListArray>();
+                    values = match (fixed, free) {
+                        (Some(list), _) => list.values().clone(),
+                        (_, Some(list)) => list.values().clone(),
+                        _ => break,
+                    };
                 }
                 let single = values.as_any().downcast_ref::<rerun::external::arrow::array::Float32Array>();
                 let double = values.as_any().downcast_ref::<rerun::external::arrow::array::Float64Array>();
@@ -651,6 +664,16 @@ mod tests {
         // Residual (-3, 4): the root mean square of its coordinates.
         let rms = numbers(&recorded["/plots/residuals/vehicle_points"], "scalars");
         assert!((rms[0] - 12.5_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_ground_has_its_heights_and_its_holes() {
+        // Two lines along x, the first of them cut short; of the three along y one has a hole.
+        let recorded = recorded();
+        let strips = numbers(&recorded["/world/ground"], "strips");
+        let heights: Vec<f64> = strips.chunks(3).map(|place| place[2]).collect();
+        assert_eq!(heights, [0.0, 0.5, 0.25, 1.0, 2.0, 0.0, 0.25, 0.5, 1.0]);
+        assert_eq!(strips[3..5], [5.0, 0.0]);
     }
 
     #[test]

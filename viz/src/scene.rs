@@ -15,12 +15,21 @@ pub struct Scene {
     pub targets: Vec<Target>,
     /// The image points of each frame.
     pub image_points: Vec<Vec<ImagePoint>>,
-    /// Height of the ground, where it is known \[m\].
-    pub ground_z_m: Option<f64>,
+    /// The ground, where it is known.
+    pub ground: Ground,
     /// The iterations of the adjustment, in order.
     pub iterations: Vec<Iteration>,
     /// A summary to read, in Markdown.
     pub summary: String,
+}
+
+/// Heights on a lattice.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ground {
+    /// The lines of the lattice along x, y \[m\].
+    pub lines_m: [Vec<f64>; 2],
+    /// Heights \[m\], one for each x of the first y, then of the next; `None` where there is no ground.
+    pub heights_m: Vec<Option<f64>>,
 }
 
 /// A frame.
