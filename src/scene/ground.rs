@@ -30,7 +30,7 @@ fn lattice(places: &[Point3<f64>], height_m: impl Fn(f64, f64) -> Option<f64>) -
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         (low, high.min(low + WIDEST_M))
     });
-    if spans.iter().any(|(low, high)| !(low <= high)) {
+    if spans.iter().any(|(low, high)| low > high) {
         return viz::Ground::default();
     }
     let widest = spans.iter().map(|(low, high)| high - low).fold(0.0, f64::max);
