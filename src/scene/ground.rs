@@ -62,6 +62,7 @@ mod tests {
         let far = [Point3::new(0.0, 0.0, 0.0), Point3::new(1e9, 1.0, 0.0)];
         let found = lattice(&far, |_, _| Some(0.0));
         assert!(found.heights_m.len() < 1000, "{}", found.heights_m.len());
+        assert!(*found.lines_m[0].last().unwrap() < 2100.0);
         assert_eq!(lattice(&[], |_, _| Some(0.0)), viz::Ground::default());
     }
 }
