@@ -2,7 +2,7 @@
 
 use crate::evaluate::{EvaluateOptions, Evaluation, VehicleEvaluation, evaluate, evaluate_shapes};
 use crate::files::{
-    InputFile, ResultPoint, ResultReport, ResultTracks, input_files, read_points, read_report, read_tracks,
+    InputFile, ResultPoint, ResultReport, ResultTracks, read_points, read_report, read_tracks,
 };
 use crate::problem::{Frame, Problem, Receiver};
 use crate::reference::{Reference, TrueShape, read_true_shapes};
@@ -44,16 +44,23 @@ impl Compared {
     pub fn is_empty(&self) -> bool {
         self.evaluation.vehicles.is_empty() && self.evaluation.shapes.is_empty()
     }
+
+    /// What is odd and what was not compared, as it is told.
+    pub fn told(&self) -> Vec<String> {
+        let missing = self.missing.iter().map(|missing| format!("not compared: {missing}"));
+        self.warnings.iter().cloned().chain(missing).collect()
+    }
 }
 
 impl ToCompare {
-    /// Reads both folders; what is wrong with any of them is added to `invalid`. Without the vehicles of the
-    /// problem rows are not held against them.
+    /// Reads what both folders have beside the problem itself, whose files are `inputs`; what is wrong with any of
+    /// them is added to `invalid`. Without the vehicles of the problem rows are not held against them.
     pub fn read(
         problem_folder: &Path,
         result_folder: &Path,
         vehicles: Option<&[String]>,
         frames: Option<&[Frame]>,
+        inputs: Vec<InputFile>,
         invalid: &mut Invalid,
     ) -> Option<Self> {
         let mut of_problem = Findings::default();
@@ -69,7 +76,6 @@ impl ToCompare {
         if of_result.is_invalid() {
             invalid.push((result_folder.to_owned(), of_result));
         }
-        let inputs = input_files(problem_folder);
         Some(ToCompare { tracks: tracks?, shapes, truths: truths?, report, inputs })
     }
 

@@ -11,6 +11,7 @@ use crate::evaluate::clock::Shift;
 use crate::evaluate::pairs::Association;
 use crate::evaluate::shape::Registering;
 use crate::evaluate::{Clock, EvaluateOptions};
+use crate::files::input_files;
 use crate::report::evaluation_report;
 use crate::report::folder::{Holds, check_place};
 use clap::{Args, ValueEnum};
@@ -139,8 +140,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     // What is wrong with either folder is told at once.
     let mut invalid: Invalid = Vec::new();
     let Arguments { problem: problem_folder, result: result_folder, .. } = arguments;
-    let to_compare =
-        ToCompare::read(problem_folder, result_folder, vehicles.as_deref(), frames, &mut invalid);
+    let to_compare = ToCompare::read(
+        problem_folder,
+        result_folder,
+        vehicles.as_deref(),
+        frames,
+        input_files(problem_folder),
+        &mut invalid,
+    );
     let input = match input {
         Ok(input) => Some(input),
         Err(Failure::Invalid(all)) => {
@@ -185,8 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let missing = compared.missing.join("; ");
         return Err(Failure::NoSolution(format!("nothing can be compared: {missing}")));
     }
-    warnings.extend(compared.warnings.iter().cloned());
-    warnings.extend(compared.missing.iter().map(|missing| format!("not compared: {missing}")));
+    warnings.extend(compared.told());
     if !arguments.quiet {
         warn_all(&warnings);
     }

@@ -10,6 +10,7 @@ use super::options::{
 use super::output::{counted, describe_resection, grouped, print, progress};
 use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
 use crate::evaluate::EvaluateOptions;
+use crate::files::InputFile;
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::problem::Problem;
@@ -159,7 +160,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         print(&summary(adjustment, &report, verdict.as_ref()))?;
         print(&format!("result      {}\n", folder.display()))?;
     }
-    let referenced = Referenced { folder: &arguments.problem, vehicles: &vehicles, reference: &reference };
+    let referenced =
+        Referenced { folder: &arguments.problem, vehicles: &vehicles, reference: &reference, inputs };
     compare_with(referenced, &problem, &folder, arguments)
 }
 
@@ -168,6 +170,7 @@ struct Referenced<'a> {
     folder: &'a Path,
     vehicles: &'a [String],
     reference: &'a Reference,
+    inputs: Vec<InputFile>,
 }
 
 /// Holds the result that has just been written against the references: it is read as `evaluate` reads it, and
@@ -178,7 +181,7 @@ fn compare_with(
     result_folder: &Path,
     arguments: &Arguments,
 ) -> Result<(), Failure> {
-    let Referenced { folder, vehicles, reference } = referenced;
+    let Referenced { folder, vehicles, reference, inputs } = referenced;
     let output = &arguments.output;
     if arguments.evaluation.is_none()
         && (output.quiet || output.json || reference.tracks.is_empty() && reference.scans.is_empty())
@@ -187,7 +190,7 @@ fn compare_with(
     }
     let mut invalid = Invalid::new();
     let frames = Some(problem.frames.as_slice());
-    let to_compare = ToCompare::read(folder, result_folder, Some(vehicles), frames, &mut invalid);
+    let to_compare = ToCompare::read(folder, result_folder, Some(vehicles), frames, inputs, &mut invalid);
     let (Some(to_compare), true) = (to_compare, invalid.is_empty()) else {
         if arguments.evaluation.is_some() {
             return Err(Failure::Invalid(invalid));
@@ -199,8 +202,7 @@ fn compare_with(
     };
     let options = EvaluateOptions::default();
     let compared = to_compare.compare(vehicles, reference, Some(problem), &options);
-    let mut warnings = compared.warnings.clone();
-    warnings.extend(compared.missing.iter().map(|missing| format!("not compared: {missing}")));
+    let warnings = compared.told();
     output.warn(&warnings);
     if let Some(place) = &arguments.evaluation {
         let json = evaluation_report(folder, result_folder, &compared.evaluation, warnings.clone()).to_json();

@@ -31,9 +31,7 @@ pub struct Reference {
 fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings) {
     let Ok(entries) = std::fs::read_dir(problem_folder.join("reference")) else { return };
     let is_read = |name: &str| {
-        ["reference/gnss.csv", receiver::SETTING_FILE]
-            .iter()
-            .any(|file| file.strip_prefix("reference/") == Some(name))
+        [gnss::FILE, receiver::SETTING_FILE].contains(&format!("reference/{name}").as_str())
             || receiver::is_track(name, vehicles)
             || scan::is_scan(name, vehicles)
             || vehicles.iter().any(|id| name.strip_suffix(matrix::END) == Some(id))

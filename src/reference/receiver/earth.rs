@@ -7,16 +7,23 @@ use nalgebra::{Matrix3, Point3, Vector3};
 const HIGHEST_M: f64 = 1e5;
 
 /// The world of a problem on the Earth.
-pub struct World {
-    context: Minimal,
-    axes: Axes,
-}
-
-enum Axes {
+pub enum World {
     /// East, north and up of a plane that touches the ellipsoid below an origin.
-    Tangent { origin_ecef_m: Point3<f64>, enu_from_ecef: Matrix3<f64> },
+    Tangent {
+        /// The origin.
+        origin_ecef_m: Point3<f64>,
+        /// The directions, by rows.
+        enu_from_ecef: Matrix3<f64>,
+    },
     /// Easting, northing and ellipsoidal height, less a shift.
-    Grid { projection: OpHandle, shift_m: Vector3<f64> },
+    Grid {
+        /// What knows the projection.
+        context: Minimal,
+        /// The projection.
+        projection: OpHandle,
+        /// What is taken off.
+        shift_m: Vector3<f64>,
+    },
 }
 
 /// Whether a place can be one of a vehicle: within 100 km or so of the ellipsoid.
@@ -54,32 +61,27 @@ impl World {
     /// East, north, up at an origin, degrees and metres above the ellipsoid.
     pub fn tangent(latitude_deg: f64, longitude_deg: f64, height_m: f64) -> Option<Self> {
         let origin_ecef_m = ecef_m(latitude_deg, longitude_deg, height_m)?;
-        let enu_from_ecef = enu_from_ecef(latitude_deg, longitude_deg);
-        Self::with(|_| Some(Axes::Tangent { origin_ecef_m, enu_from_ecef }))
+        Some(World::Tangent { origin_ecef_m, enu_from_ecef: enu_from_ecef(latitude_deg, longitude_deg) })
     }
 
     /// A zone of UTM, less a shift \[m\].
     pub fn utm(zone: u32, is_south: bool, shift_m: Vector3<f64>) -> Option<Self> {
         let south = if is_south { " south" } else { "" };
         let definition = format!("utm zone={zone}{south} ellps=WGS84");
-        Self::with(|context| Some(Axes::Grid { projection: context.op(&definition).ok()?, shift_m }))
-    }
-
-    fn with(axes: impl FnOnce(&mut Minimal) -> Option<Axes>) -> Option<Self> {
         let mut context = Minimal::new();
-        let axes = axes(&mut context)?;
-        Some(World { context, axes })
+        let projection = context.op(&definition).ok()?;
+        Some(World::Grid { context, projection, shift_m })
     }
 
     /// Where a place is in the world \[m\]; not finite where the projection does not reach it.
     pub fn place(&self, ecef_m: Point3<f64>) -> Point3<f64> {
-        match &self.axes {
-            Axes::Tangent { origin_ecef_m, enu_from_ecef } => {
+        match self {
+            World::Tangent { origin_ecef_m, enu_from_ecef } => {
                 Point3::from(enu_from_ecef * (ecef_m - origin_ecef_m))
             }
-            Axes::Grid { projection, shift_m } => {
+            World::Grid { context, projection, shift_m } => {
                 let mut place = [wgs84().geographic(&Coor3D::raw(ecef_m.x, ecef_m.y, ecef_m.z))];
-                let done = self.context.apply(*projection, Fwd, &mut place).is_ok();
+                let done = context.apply(*projection, Fwd, &mut place).is_ok();
                 let [x, y, z] = [0, 1, 2].map(|axis| if done { place[0][axis] } else { f64::NAN });
                 Point3::new(x, y, z) - shift_m
             }

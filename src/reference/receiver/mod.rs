@@ -48,7 +48,7 @@ pub fn read(
 ) -> Vec<(String, String, Vec<GnssPosition>)> {
     let mut tracks = Vec::new();
     let is_set = std::fs::symlink_metadata(problem_folder.join(SETTING_FILE)).is_ok();
-    let mut setting = is_set.then(|| Setting::read(problem_folder, "", findings));
+    let mut setting = is_set.then(|| Setting::read(problem_folder, "the file of a receiver", findings));
     for vehicle in vehicles {
         for end in ENDS {
             let file = format!("reference/{vehicle}{end}");
