@@ -5,8 +5,8 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::str::{FromStr, SplitAsciiWhitespace};
 use std::time::Instant;
-use trackbundle::nlls::minimise::{Minimiser, MinimiserOptions, Minimum, Watch};
-use trackbundle::nlls::system::System;
+use trackbundle::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum};
+use trackbundle::nlls::system::{System, Values};
 
 /// Options of a run.
 #[derive(Args)]
@@ -48,12 +48,11 @@ impl Options {
     }
 
     /// Prints the iteration table, unless JSON is wanted.
-    fn watch(&self) -> Option<Watch> {
-        if self.json {
-            return None;
+    fn show(&self, r: &IterationRecord) {
+        if r.iteration == 0 && !self.json {
+            eprintln!("iter            cost      change  |gradient|      |step|    gain  damping  seconds");
         }
-        eprintln!("iter            cost      change  |gradient|      |step|    gain  damping  seconds");
-        Some(Box::new(|r| {
+        if !self.json {
             eprintln!(
                 "{:4} {:15.8e} {:11.2e} {:11.2e} {:11.2e} {:6.2}{} {:8.1e} {:8.4}",
                 r.iteration,
@@ -66,7 +65,7 @@ impl Options {
                 r.damping,
                 r.seconds
             );
-        }))
+        }
     }
 
     /// Prints what came out.
@@ -117,7 +116,8 @@ impl Options {
         let (system, blocks) = build();
         let mut minimiser = Minimiser::new(&system)?;
         let (setup_s, _) = clock.seconds();
-        let minimum = minimiser.run(&system, system.start(), self.minimiser_options(), self.watch());
+        let mut show = |record: &IterationRecord, _: &Values| self.show(record);
+        let minimum = minimiser.run(&system, system.start(), self.minimiser_options(), Some(&mut show));
         self.report(&system, &minimum, &minimiser, setup_s, &clock);
         Ok((system, blocks, minimum))
     }

@@ -3,11 +3,9 @@
 use super::Failure;
 use crate::initialise::Resection;
 use crate::nlls::minimise::IterationRecord;
-use crate::refine::{Progress, ProgressSink};
+use crate::refine::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::cell::Cell;
 use std::io::{ErrorKind, IsTerminal, Write};
-use std::rc::Rc;
 
 /// Prints to standard output. A reader that has gone away is no error.
 pub fn print(text: &str) -> Result<(), Failure> {
@@ -29,37 +27,37 @@ pub fn warn_all(warnings: &[String]) {
 
 /// Where the progress of an adjustment goes: a table with `verbose`, else a bar on a terminal, else
 /// a line for each round; nothing with `quiet`.
-pub fn progress(verbose: bool, quiet: bool, max_iterations: usize) -> Option<ProgressSink> {
+pub fn progress(verbose: bool, quiet: bool, max_iterations: usize) -> Box<dyn FnMut(&Progress<'_>)> {
     if quiet {
-        None
+        Box::new(|_| {})
     } else if verbose {
-        Some(table())
+        Box::new(table())
     } else if std::io::stderr().is_terminal() {
-        Some(bar(max_iterations))
+        Box::new(bar(max_iterations))
     } else {
-        Some(Rc::new(|progress| {
+        Box::new(|progress| {
             if let Progress::Round(number, name) = progress {
                 eprintln!("round {number}: {name}");
             }
-        }))
+        })
     }
 }
 
-fn table() -> ProgressSink {
-    let before = Cell::new(0.0);
-    Rc::new(move |progress| match progress {
+fn table() -> impl FnMut(&Progress<'_>) {
+    let mut before_s = 0.0;
+    move |progress| match progress {
         Progress::Round(number, name) => {
-            before.set(0.0);
+            before_s = 0.0;
             eprintln!("round {number}: {name}");
             eprintln!(
                 "iter         cost       change   |gradient|       |step|    gain   damping  iter time  total time"
             );
         }
-        Progress::Iteration(record) => {
-            before.set(before.get() + record.seconds);
-            eprintln!("{}", row(&record, before.get()));
+        Progress::Iteration(record, _) => {
+            before_s += record.seconds;
+            eprintln!("{}", row(record, before_s));
         }
-    })
+    }
 }
 
 fn row(r: &IterationRecord, total_seconds: f64) -> String {
@@ -70,17 +68,17 @@ fn row(r: &IterationRecord, total_seconds: f64) -> String {
     )
 }
 
-fn bar(max_iterations: usize) -> ProgressSink {
+fn bar(max_iterations: usize) -> impl FnMut(&Progress<'_>) {
     let style =
         ProgressStyle::with_template("{spinner} {msg} {wide_bar} {pos}/{len} iterations at most, {elapsed}");
     let bar = ProgressBar::new(max_iterations as u64);
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let bar = Clearing(bar);
-    Rc::new(move |progress| match progress {
-        Progress::Round(_, name) => bar.0.set_message(name),
-        Progress::Iteration(record) if record.iteration > 0 => bar.0.inc(1),
-        Progress::Iteration(_) => bar.0.tick(),
-    })
+    move |progress| match progress {
+        Progress::Round(_, name) => bar.0.set_message(*name),
+        Progress::Iteration(record, _) if record.iteration > 0 => bar.0.inc(1),
+        Progress::Iteration(..) => bar.0.tick(),
+    }
 }
 
 /// A bar that leaves the terminal clean.

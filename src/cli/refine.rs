@@ -16,8 +16,8 @@ use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::problem::Problem;
 use crate::reference::Reference;
 use crate::refine::{
-    Adjusted, Adjustment, Arrangement, Excluded, Fits, MotionPrior, MotionPriors, Reason, RefineOptions,
-    adjust,
+    Adjusted, Adjustment, Arrangement, Excluded, Fits, MotionPrior, MotionPriors, Progress, Reason,
+    RefineOptions, adjust,
 };
 use crate::report::folder::{Holds, check_place};
 use crate::report::{
@@ -117,8 +117,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         arrangement: arguments.elimination,
         motion: MotionPriors { camera: arguments.camera_motion, vehicle: arguments.vehicle_motion },
     };
-    let sink = progress(output.verbose, output.quiet, options.max_iterations);
-    let mut adjusted = adjust(&problem, &initial.estimate, &options, sink)?;
+    let mut told = progress(output.verbose, output.quiet, options.max_iterations);
+    let mut sink = |progress: Progress<'_>| told(&progress);
+    let mut adjusted = adjust(&problem, &initial.estimate, &options, Some(&mut sink))?;
     let refine_s = begin.elapsed().as_secs_f64();
     let begin = Instant::now();
     let diagnosis = diagnosed(&problem, &mut adjusted, arguments.states);

@@ -14,7 +14,6 @@
 
 use super::linear::cholesky::{Singular, TooLarge};
 use super::system::{Accuracy, Cost, Curvature, Factors, Normal, Step, System, Values};
-use argmin::core::observers::{Observe, ObserverMode};
 use argmin::core::{Error, Executor, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use std::collections::HashMap;
 use std::fmt;
@@ -193,8 +192,9 @@ pub struct StageSeconds {
     pub cost: f64,
 }
 
-/// Where the minimiser reports each iteration.
-pub type Watch = Box<dyn FnMut(&IterationRecord)>;
+/// Where the minimiser reports each iteration, with the values after it. (Observers of `argmin` would have to
+/// outlive everything that they look at.)
+pub type Watch<'a> = &'a mut dyn FnMut(&IterationRecord, &Values);
 
 /// The minimiser of one system, with its workspace: the symbolic factorisation is made once, and the
 /// last factors stay for those who want variances.
@@ -242,20 +242,17 @@ impl Minimiser {
         system: &System,
         start: &Values,
         options: MinimiserOptions,
-        watch: Option<Watch>,
+        watch: Option<Watch<'_>>,
     ) -> Minimum {
         self.options = options;
         self.damping = options.first_damping;
         self.least_flatness = 1.0;
         self.growth = self.options.growth;
         self.linearised = None;
-        let mut executor = Executor::new(system, self)
+        let executor = Executor::new(system, Watched { minimiser: self, watch })
             .configure(|state: LmState| state.start_at(start.clone(), options.max_iterations))
             .ctrlc(false);
-        if let Some(watch) = watch {
-            executor = executor.add_observer(WatchObserver(watch), ObserverMode::Always);
-        }
-        let state = executor.run().expect("neither solver nor observer returns an error").state;
+        let state = executor.run().expect("the solver returns no error").state;
         Minimum {
             values: state.values.expect("set at the start"),
             cost: state.cost,
@@ -445,7 +442,22 @@ impl Minimiser {
     }
 }
 
-impl Solver<&System, LmState> for &mut Minimiser {
+/// A minimiser at work.
+struct Watched<'m, 'w> {
+    minimiser: &'m mut Minimiser,
+    watch: Option<Watch<'w>>,
+}
+
+impl Watched<'_, '_> {
+    fn record(&mut self, state: &mut LmState, record: IterationRecord) {
+        if let (Some(watch), Some(values)) = (&mut self.watch, &state.values) {
+            watch(&record, values);
+        }
+        state.records.push(record);
+    }
+}
+
+impl Solver<&System, LmState> for Watched<'_, '_> {
     fn name(&self) -> &str {
         "Levenberg-Marquardt"
     }
@@ -461,12 +473,12 @@ impl Solver<&System, LmState> for &mut Minimiser {
         })?;
         let record = IterationRecord {
             cost: state.cost.value,
-            damping: self.damping,
+            damping: self.minimiser.damping,
             accepted: true,
             seconds: begin.elapsed().as_secs_f64(),
             ..Default::default()
         };
-        state.records.push(record);
+        self.record(&mut state, record);
         Ok((state, None))
     }
 
@@ -478,10 +490,10 @@ impl Solver<&System, LmState> for &mut Minimiser {
         let begin = Instant::now();
         let (mut record, stop) = problem.problem("step_count", |system| {
             // On the threads of the pool as a whole: waking them for each stage takes its time.
-            Ok(rayon::scope(|_| self.attempt(system, &mut state)))
+            Ok(rayon::scope(|_| self.minimiser.attempt(system, &mut state)))
         })?;
         record.seconds = begin.elapsed().as_secs_f64();
-        state.records.push(record);
+        self.record(&mut state, record);
         if let Some(stop) = stop {
             state.stop = Some(stop);
             state = state.terminate_with(match stop {
@@ -584,20 +596,6 @@ impl State for LmState {
     }
 }
 
-struct WatchObserver(Watch);
-
-impl Observe<LmState> for WatchObserver {
-    fn observe_init(&mut self, _name: &str, state: &LmState, _kv: &KV) -> Result<(), Error> {
-        state.records.last().into_iter().for_each(&mut self.0);
-        Ok(())
-    }
-
-    fn observe_iter(&mut self, state: &LmState, _kv: &KV) -> Result<(), Error> {
-        state.records.last().into_iter().for_each(&mut self.0);
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -606,8 +604,6 @@ mod tests {
     use crate::nlls::residual::{Jacobian, Residual};
     use crate::nlls::system::{BlockId, Measurement, SystemBuilder};
     use nalgebra::{Matrix2, Vector1, Vector2};
-    use std::cell::RefCell;
-    use std::rc::Rc;
 
     /// Rosenbrock's valley as a sum of squares: `(10 (y - x^2), 1 - x)`.
     struct Valley;
@@ -671,19 +667,19 @@ mod tests {
 
     #[test]
     fn the_cost_never_rises_and_the_records_say_so() {
-        let seen = Rc::new(RefCell::new(Vec::new()));
+        let mut seen = Vec::new();
         let system = valley();
-        let watch = {
-            let seen = seen.clone();
-            Box::new(move |record: &IterationRecord| seen.borrow_mut().push(*record))
+        let mut watch = |record: &IterationRecord, values: &Values| {
+            assert_eq!(system.cost(values).value, record.cost, "the values are those after the iteration");
+            seen.push(*record);
         };
         let minimum = Minimiser::new(&system).unwrap().run(
             &system,
             system.start(),
             MinimiserOptions::default(),
-            Some(watch),
+            Some(&mut watch),
         );
-        assert_eq!(*seen.borrow(), minimum.records, "the observer sees every iteration");
+        assert_eq!(seen, minimum.records, "the observer sees every iteration");
         for (before, after) in minimum.records.iter().zip(&minimum.records[1..]) {
             assert_eq!(after.iteration, before.iteration + 1);
             assert!(if after.accepted { after.cost < before.cost } else { after.cost == before.cost });

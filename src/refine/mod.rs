@@ -82,16 +82,15 @@ impl Default for RefineOptions {
 }
 
 /// Progress of an adjustment.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Progress {
+pub enum Progress<'a> {
     /// A round begins; rounds count from 1.
     Round(usize, &'static str),
-    /// An iteration has ended.
-    Iteration(IterationRecord),
+    /// An iteration has ended, and what the estimate is then.
+    Iteration(&'a IterationRecord, &'a dyn Fn() -> Estimate),
 }
 
 /// Where progress is reported.
-pub type ProgressSink = std::rc::Rc<dyn Fn(Progress)>;
+pub type ProgressSink<'a> = &'a mut dyn FnMut(Progress<'_>);
 
 /// The problem has no usable solution; what is missing is said.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -166,7 +165,7 @@ pub fn refine(
     problem: &Problem,
     start: &Estimate,
     options: &RefineOptions,
-    progress: Option<ProgressSink>,
+    progress: Option<ProgressSink<'_>>,
 ) -> Result<(Estimate, Adjustment), NoSolution> {
     adjust(problem, start, options, progress).map(|adjusted| (adjusted.estimate, adjusted.adjustment))
 }
@@ -176,7 +175,7 @@ pub fn adjust(
     problem: &Problem,
     start: &Estimate,
     options: &RefineOptions,
-    progress: Option<ProgressSink>,
+    progress: Option<ProgressSink<'_>>,
 ) -> Result<Adjusted, NoSolution> {
     if start.vehicles.iter().all(|vehicle| vehicle.left_out.is_some()) {
         let reasons: Vec<String> = problem
@@ -347,11 +346,11 @@ fn look_where_they_drive(problem: &Problem, estimate: &mut Estimate) {
     estimate.receivers = receivers;
 }
 
-struct Run<'a> {
+struct Run<'a, 'p> {
     problem: &'a Problem,
     start: &'a Estimate,
     options: &'a RefineOptions,
-    progress: Option<ProgressSink>,
+    progress: Option<ProgressSink<'p>>,
     model: Model,
     /// What the model leaves out.
     excluded: Excluded,
@@ -362,18 +361,21 @@ struct Run<'a> {
     rounds: Vec<Round>,
 }
 
-impl Run<'_> {
+impl Run<'_, '_> {
     /// Minimises from the current values and moves them.
     fn round(&mut self, name: &'static str, relative_decrease: f64, most: usize) -> Minimum {
-        if let Some(progress) = &self.progress {
+        if let Some(progress) = &mut self.progress {
             progress(Progress::Round(self.rounds.len() + 1, name));
         }
         let max_iterations = self.left.min(most);
         let options = MinimiserOptions { max_iterations, relative_decrease, ..Default::default() };
-        let watch = self.progress.clone().map(|progress| -> crate::nlls::minimise::Watch {
-            Box::new(move |record| progress(Progress::Iteration(*record)))
-        });
-        let minimum = self.minimiser.run(&self.model.system, &self.values, options, watch);
+        let Run { problem, start, model, minimiser, values, progress, .. } = self;
+        let mut watch = |record: &IterationRecord, values: &Values| {
+            if let Some(progress) = progress {
+                progress(Progress::Iteration(record, &|| model.estimate(problem, start, values)));
+            }
+        };
+        let minimum = minimiser.run(&model.system, values, options, Some(&mut watch));
         self.left -= minimum.records.len() - 1;
         self.values = minimum.values.clone();
         self.rounds.push(Round { name, stop: minimum.stop, records: minimum.records.clone() });
