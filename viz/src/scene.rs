@@ -1,10 +1,14 @@
 //! The scene: plain numbers, 64 bits, in the world's coordinates (z up, metres).
 
+use std::path::PathBuf;
+
 /// Everything that is drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
     /// Its name.
     pub name: String,
+    /// Where it stands among scenes that are drawn side by side; nothing where it is the only one.
+    pub root: Option<String>,
     /// The frames of the film, in time order.
     pub frames: Vec<Frame>,
     /// The camera.
@@ -21,6 +25,53 @@ pub struct Scene {
     pub iterations: Vec<Iteration>,
     /// A summary to read, in Markdown.
     pub summary: String,
+    /// What is odd.
+    pub warnings: Vec<String>,
+    /// The film.
+    pub film: Option<Film>,
+    /// The same on the Earth.
+    pub map: Option<Map>,
+}
+
+/// The film that the image points are from, in files that are read when they are drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Film {
+    /// An image of each frame, where there is one.
+    Images(Vec<Option<PathBuf>>),
+    /// A video asset.
+    Video {
+        /// The file.
+        file: PathBuf,
+        /// Its time minus the time of frames \[s\].
+        offset_s: f64,
+    },
+}
+
+/// Latitude and longitude \[deg\].
+pub type Geodetic = [f64; 2];
+
+/// What of a scene has a place on the Earth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Map {
+    /// Path of the camera.
+    pub camera_deg: Vec<Geodetic>,
+    /// Targets.
+    pub targets_deg: Vec<(TargetRole, Geodetic)>,
+    /// Tracks of the bodies.
+    pub tracks: Vec<MapTrack>,
+}
+
+/// A track on the Earth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapTrack {
+    /// Id of the body.
+    pub id: String,
+    /// Before the adjustment.
+    pub before_deg: Vec<Geodetic>,
+    /// After it.
+    pub after_deg: Vec<Geodetic>,
+    /// Where something else says it was.
+    pub reference_deg: Vec<Geodetic>,
 }
 
 /// Heights on a lattice.
@@ -61,7 +112,7 @@ pub struct Camera {
     pub principal_px: [f64; 2],
     /// Its pose in each frame, before the adjustment.
     pub before: Vec<Pose>,
-    /// Its pose in each frame, after the adjustment.
+    /// Its pose in each frame, after the adjustment; nothing before there is one.
     pub after: Vec<Pose>,
 }
 
@@ -74,6 +125,50 @@ pub struct Body {
     pub before: State,
     /// After it.
     pub after: State,
+    /// What the track after it is compared with.
+    pub reference: Vec<ReferencePlace>,
+    /// What the shape after it is compared with.
+    pub scan: Option<Scan>,
+    /// What nothing determines.
+    pub open: Vec<Open>,
+}
+
+/// A place that something else, such as a receiver, measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReferencePlace {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Position in the world \[m\].
+    pub position_m: [f64; 3],
+    /// Its standard deviations along x, y, z \[m\].
+    pub sigma_m: Option<[f64; 3]>,
+    /// The track minus it \[m\].
+    pub difference_m: [f64; 3],
+    /// Horizontal speed \[m/s\].
+    pub speed_mps: Option<f64>,
+    /// Direction of motion, counter-clockwise from x \[deg\].
+    pub course_deg: Option<f64>,
+}
+
+/// A scan of a body, in the body's frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scan {
+    /// Its points \[m\].
+    pub points_m: Vec<[f64; 3]>,
+    /// How far each is from the nearest point of the shape \[m\].
+    pub distances_m: Vec<f64>,
+    /// How far each point of the shape is from it \[m\], in the order of the shape; nothing where that is not
+    /// known.
+    pub shape_distances_m: Vec<Option<f64>>,
+}
+
+/// A direction that nothing determines.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Open {
+    /// What it is.
+    pub name: String,
+    /// Lines in the world along which things may be anywhere \[m\].
+    pub lines_m: Vec<[[f64; 3]; 2]>,
 }
 
 /// Shape and motion of a body.
@@ -173,24 +268,50 @@ pub struct ImagePoint {
     pub computed_px: Option<[f64; 2]>,
     /// How it was taken.
     pub marking: Marking,
+    /// Why it takes no part.
+    pub reason: Option<&'static str>,
 }
 
 /// One iteration.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Iteration {
+    /// What it belongs to.
+    pub stage: &'static str,
     /// Cost after it.
     pub cost: f64,
     /// Damping of its step.
     pub damping: f64,
-    /// Length of its step.
-    pub step: f64,
+    /// Length of its step; nothing where none was made.
+    pub step: Option<f64>,
+    /// The state after it.
+    pub state: Snapshot,
+}
+
+/// A state on the way.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Snapshot {
+    /// The camera's path \[m\].
+    pub camera_m: Vec<[f64; 3]>,
+    /// The bodies.
+    pub bodies: Vec<BodySnapshot>,
+}
+
+/// A body on the way.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BodySnapshot {
+    /// Its id.
+    pub id: String,
+    /// Its track \[m\].
+    pub track_m: Vec<[f64; 3]>,
+    /// Its points, in its own frame \[m\].
+    pub points_m: Vec<[f64; 3]>,
 }
 
 impl Scene {
     /// The point that recordings put at zero, because the viewer keeps 32 bits: nothing where the
     /// coordinates are small, else a round number in their midst \[m\].
     pub fn local_origin_m(&self) -> [f64; 3] {
-        let places: Vec<[f64; 3]> = self.camera.after.iter().map(|pose| pose.position_m).collect();
+        let places: Vec<[f64; 3]> = self.camera.before.iter().map(|pose| pose.position_m).collect();
         std::array::from_fn(|axis| {
             let mean = places.iter().map(|p| p[axis]).sum::<f64>() / places.len().max(1) as f64;
             if mean.abs() < SMALL_M { 0.0 } else { (mean / ROUND_M).round() * ROUND_M }
@@ -208,7 +329,7 @@ mod tests {
 
     fn scene_at(position_m: [f64; 3]) -> Scene {
         let pose = Pose { position_m, quaternion_wxyz: [1.0, 0.0, 0.0, 0.0] };
-        Scene { camera: Camera { after: vec![pose], ..Default::default() }, ..Default::default() }
+        Scene { camera: Camera { before: vec![pose], ..Default::default() }, ..Default::default() }
     }
 
     #[test]
