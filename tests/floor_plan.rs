@@ -94,7 +94,11 @@ const PLAN: &[(u32, &str, &[&str])] = &[
             "nlls/loss",
         ],
     ),
-    (8, "scene", &["diagnose", "refine", "estimate", "problem", "geometry", "nlls/minimise"]),
+    (
+        8,
+        "scene",
+        &["diagnose", "evaluate", "refine", "files", "estimate", "problem", "geometry", "nlls/minimise"],
+    ),
     (
         9,
         "cli",

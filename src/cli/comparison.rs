@@ -16,8 +16,10 @@ pub type Invalid = Vec<(PathBuf, Findings)>;
 
 /// What is compared of a result folder, with the truth of its problem where that is simulated.
 pub struct ToCompare {
-    tracks: ResultTracks,
-    shapes: Vec<(String, Vec<ResultPoint>)>,
+    /// Its tracks.
+    pub tracks: ResultTracks,
+    /// Its shapes.
+    pub shapes: Vec<(String, Vec<ResultPoint>)>,
     truths: Vec<(String, TrueShape)>,
     report: ResultReport,
     inputs: Vec<InputFile>,

@@ -113,7 +113,7 @@ enum Registration {
 }
 
 /// Reads `estimate` or seconds.
-fn clock_offset(text: &str) -> Result<Clock, String> {
+pub fn clock_offset(text: &str) -> Result<Clock, String> {
     if text == "estimate" {
         return Ok(Clock::Estimated);
     }

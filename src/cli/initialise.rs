@@ -3,12 +3,13 @@
 use super::Failure;
 use super::options::{Opened, OutputOptions, command_told};
 use super::output::{counted, describe_resection, grouped, print};
+use super::session::Session;
 use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
 use crate::nlls::loss::Loss;
 use crate::refine::{Excluded, Fits};
-use crate::report::{left_out, report_of_initial, result_tables, start_residuals_table};
-use crate::scene::scene;
+use crate::report::{Report, left_out, report_of_initial, result_tables, start_residuals_table};
+use crate::scene;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -64,11 +65,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
     let mut tables = result_tables(&problem, &initial.estimate, &fits, None);
     tables.push(start_residuals_table(&problem, &fits));
-    let draw = |_: &_| {
-        let summary = format!("# {}\n\nFirst estimate, not adjusted.", problem.name);
-        scene(&problem, &initial.estimate, &initial.estimate, &fits, None, &[], summary)
+    let session = Session::open(output)?;
+    let draw = |report: &Report| {
+        let mut drawn = scene::start(&problem, &initial.estimate);
+        session.begin(|| drawn.clone());
+        scene::add_end(&mut drawn, &problem, &initial.estimate, &fits, None);
+        drawn.summary = report.document();
+        drawn.warnings.clone_from(&report.warnings);
+        drawn
     };
-    let folder = output.write(&arguments.out, &tables, &mut report, draw)?;
+    let written = output.write(&arguments.out, &tables, &mut report, draw)?;
     if !output.json && !output.quiet {
         let mut text = String::new();
         for (vehicle, estimate) in problem.vehicles.iter().zip(&initial.estimate.vehicles) {
@@ -83,8 +89,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         text += &describe_resection(initial.resection.as_ref());
         text += &describe(&open);
         text += &format!("robust fit  of {}\n", counted(initial.robust_points, "point"));
-        text += &format!("result      {}\n", folder.display());
+        text += &format!("result      {}\n", written.folder.display());
         print(&text)?;
     }
-    Ok(())
+    session.end(written)
 }

@@ -9,6 +9,8 @@ mod initialise;
 mod options;
 mod output;
 mod refine;
+mod session;
+mod view;
 
 use crate::initialise::NotResectable;
 use crate::refine::NoSolution;
@@ -48,6 +50,8 @@ enum Command {
     Refine(refine::Arguments),
     /// Compare a result with the GNSS tracks and scans of reference/, which are never adjusted to.
     Evaluate(evaluate::Arguments),
+    /// Show a problem and its results in the Rerun viewer, with what they are compared with.
+    View(view::Arguments),
     /// Print completions for a shell: source <(trackbundle completions bash)
     Completions {
         /// The shell.
@@ -97,6 +101,7 @@ pub fn run() -> ExitCode {
         Command::Initialise(arguments) => initialise::run(arguments),
         Command::Refine(arguments) => refine::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
+        Command::View(arguments) => view::run(arguments),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "trackbundle", &mut script);

@@ -6,12 +6,13 @@ use crate::files::{self, Folder, InputFile, Inventory};
 use crate::problem::Problem;
 use crate::reference::{self, Reference};
 use crate::refine::{MotionPrior, Order, Strengths};
-use crate::report::folder::{Holds, Staged, check_place};
+use crate::report::folder::{Holds, Staged, check_place, whole_file};
 use crate::report::{File, Report};
 use clap::Args;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use trackbundle_viz::{Layout, Scene, Viewer, save};
 
 /// How a recording begins.
 const RECORDING_MAGIC: [u8; 3] = *b"RRF";
@@ -32,6 +33,9 @@ pub struct OutputOptions {
     #[arg(long)]
     pub no_rrd: bool,
 
+    #[command(flatten)]
+    pub viewer: ViewerOptions,
+
     /// Print the report to standard output as JSON
     #[arg(long)]
     pub json: bool,
@@ -43,6 +47,65 @@ pub struct OutputOptions {
     /// Print a line for each iteration to standard error
     #[arg(long, short)]
     pub verbose: bool,
+}
+
+/// A session that is seen while the command runs.
+#[derive(Debug, Args)]
+pub struct ViewerOptions {
+    /// Show it in the Rerun viewer, which is started unless one listens on this machine
+    #[arg(long, conflicts_with = "connect")]
+    spawn: bool,
+
+    /// Show it in a Rerun viewer that runs, by default on this machine
+    #[arg(
+        long,
+        value_name = "URL",
+        num_args = 0..=1,
+        default_missing_value = trackbundle_viz::DEFAULT_URL,
+        value_parser = viewer_url
+    )]
+    connect: Option<String>,
+}
+
+impl ViewerOptions {
+    /// The viewer that is asked for, if one is.
+    pub fn viewer(&self) -> Result<Option<Viewer>, Failure> {
+        let viewer = match &self.connect {
+            Some(url) => Some(Viewer::At(url.clone())),
+            None => self.spawn.then_some(Viewer::Spawned),
+        };
+        if viewer.is_some() && !trackbundle_viz::RECORDS {
+            return Err(without_rerun("--spawn and --connect"));
+        }
+        Ok(viewer)
+    }
+}
+
+/// Reads the address of a viewer.
+fn viewer_url(text: &str) -> Result<String, String> {
+    if text.contains("://") {
+        Ok(text.to_owned())
+    } else {
+        Err(format!(
+            "wanted a URL such as {}; without one, --connect comes last",
+            trackbundle_viz::DEFAULT_URL
+        ))
+    }
+}
+
+/// A build that cannot show anything was asked to.
+pub fn without_rerun(what: &str) -> Failure {
+    Failure::Usage(format!("this build has no Rerun (feature \"rerun\"), so {what} cannot be used"))
+}
+
+/// What a command has written, and what it could not.
+pub struct Written {
+    /// The result folder.
+    pub folder: PathBuf,
+    /// What is to be seen, where it is shown.
+    pub scene: Option<Scene>,
+    /// Why there is no recording, if there should be one.
+    pub unrecorded: Option<String>,
 }
 
 impl OutputOptions {
@@ -60,54 +123,47 @@ impl OutputOptions {
 
     /// Whether a recording is written.
     fn records(&self) -> Result<bool, Failure> {
-        if cfg!(feature = "rerun") {
-            return Ok(!self.no_rrd);
-        }
         match &self.rrd {
-            Some(_) => Err(Failure::Usage(
-                "this build has no Rerun (feature \"rerun\"), so --rrd cannot be used".to_owned(),
-            )),
+            _ if trackbundle_viz::RECORDS => Ok(!self.no_rrd),
+            Some(_) => Err(without_rerun("--rrd")),
             None => Ok(false),
         }
     }
 
-    /// Refuses a place for the recording where something else stands.
-    fn check_recording_place(&self) -> Result<(), Failure> {
-        self.records()?;
-        let Some(file) = &self.rrd else { return Ok(()) };
-        let is_recording = || {
-            let mut magic = [0; 3];
-            let read = std::fs::File::open(file).and_then(|mut file| file.read_exact(&mut magic));
-            read.is_ok() && magic == RECORDING_MAGIC
-        };
-        match std::fs::metadata(file) {
-            Ok(found) if !(found.is_file() && (found.len() == 0 || is_recording())) => Err(Failure::Usage(
-                format!("{} exists and is no recording; it is left as it is", file.display()),
-            )),
-            _ => Ok(()),
-        }
+    /// Whether anything is recorded or shown.
+    pub fn shows(&self) -> Result<bool, Failure> {
+        Ok(self.records()? || self.viewer.viewer()?.is_some())
     }
 
-    /// Writes a result folder: all of it or nothing. `draw` makes the scene to record, if one is.
+    /// Writes a result folder: all of it or nothing. `draw` makes the scene to show, if one is. A recording that
+    /// fails costs nothing else.
     pub fn write(
         &self,
         target: &Path,
         tables: &[File],
         report: &mut Report,
-        draw: impl FnOnce(&Report) -> trackbundle_viz::Scene,
-    ) -> Result<PathBuf, Failure> {
-        let begin = Instant::now();
+        draw: impl FnOnce(&Report) -> Scene,
+    ) -> Result<Written, Failure> {
         let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
-        let mut staged = Staged::begin(target, Holds::Result)?;
-        if self.records()? {
-            let file = match &self.rrd {
-                Some(file) => staged.path_elsewhere(file),
-                None => staged.path("session.rrd"),
-            };
-            record(&draw(report), &file).map_err(|error| failed(&error))?;
-            report.seconds.insert("recording", begin.elapsed().as_secs_f64());
-        } else if !self.no_rrd {
-            report.warnings.push("no recording was written: this build has no Rerun".to_owned());
+        let begin = Instant::now();
+        let scene = if self.shows()? { Some(draw(report)) } else { None };
+        let staged = Staged::begin(target, Holds::Result)?;
+        let mut unrecorded = None;
+        match (&scene, &self.rrd) {
+            (Some(scene), None) if self.records()? => {
+                let file = staged.path("session.rrd");
+                if let Err(error) = save(std::slice::from_ref(scene), Layout::Overview, &file) {
+                    // Half of one is of no use.
+                    let _ = std::fs::remove_file(&file);
+                    report.warnings.push(format!("session.rrd is missing: {error}"));
+                    unrecorded = Some(format!("session.rrd: {error}"));
+                }
+                report.seconds.insert("recording", begin.elapsed().as_secs_f64());
+            }
+            (None, _) if !self.no_rrd => {
+                report.warnings.push("no recording was written: this build has no Rerun".to_owned());
+            }
+            _ => {}
         }
         for file in tables {
             staged.write(file).map_err(|error| failed(&error))?;
@@ -117,10 +173,13 @@ impl OutputOptions {
             .write(&("report.json".to_owned(), json.clone().into_bytes()))
             .map_err(|error| failed(&error))?;
         let folder = staged.publish().map_err(|error| failed(&error))?;
+        if let (Some(scene), Some(file)) = (&scene, &self.rrd) {
+            unrecorded = save_whole(std::slice::from_ref(scene), Layout::Overview, file).err();
+        }
         if self.json {
             print(&json)?;
         }
-        Ok(folder)
+        Ok(Written { folder, scene, unrecorded })
     }
 
     /// Prints warnings, unless the user wants quiet.
@@ -131,23 +190,34 @@ impl OutputOptions {
     }
 }
 
-#[cfg(feature = "rerun")]
-fn record(scene: &trackbundle_viz::Scene, file: &Path) -> Result<(), String> {
-    trackbundle_viz::save(scene, file).map_err(|error| error.to_string())
+/// Refuses a place for a recording where something else stands.
+pub fn check_recording_place(file: &Path) -> Result<(), Failure> {
+    let is_recording = || {
+        let mut magic = [0; 3];
+        let read = std::fs::File::open(file).and_then(|mut file| file.read_exact(&mut magic));
+        read.is_ok() && magic == RECORDING_MAGIC
+    };
+    match std::fs::metadata(file) {
+        Ok(found) if !(found.is_file() && (found.len() == 0 || is_recording())) => {
+            Err(Failure::Usage(format!("{} exists and is no recording; it is left as it is", file.display())))
+        }
+        _ => Ok(()),
+    }
 }
 
-#[cfg(not(feature = "rerun"))]
-fn record(_scene: &trackbundle_viz::Scene, _file: &Path) -> Result<(), String> {
-    Err("this build has no Rerun".to_owned())
+/// Writes a recording to a file of its own.
+pub fn save_whole(scenes: &[Scene], layout: Layout, file: &Path) -> Result<(), String> {
+    whole_file(file, |place| save(scenes, layout, place))
 }
 
 /// Options that change no number of a result, and whether a value follows.
-const WITHOUT_EFFECT: [(&str, bool); 11] = [
+const WITHOUT_EFFECT: [(&str, bool); 12] = [
     ("--out", true),
     ("--evaluation", true),
     ("--threads", true),
     ("--rrd", true),
     ("--no-rrd", false),
+    ("--spawn", false),
     ("--json", false),
     ("--quiet", false),
     ("-q", false),
@@ -167,7 +237,10 @@ fn told(arguments: impl Iterator<Item = String>, problem: &Path) -> String {
     let mut arguments = arguments.peekable();
     while let Some(argument) = arguments.next() {
         let name = argument.split('=').next().unwrap_or_default();
-        if let Some((_, has_value)) = WITHOUT_EFFECT.iter().find(|(option, _)| *option == name) {
+        if name == "--connect" {
+            // Its value may be missing.
+            arguments.next_if(|next| !argument.contains('=') && next.contains("://"));
+        } else if let Some((_, has_value)) = WITHOUT_EFFECT.iter().find(|(option, _)| *option == name) {
             if *has_value && !argument.contains('=') {
                 arguments.next();
             }
@@ -212,7 +285,8 @@ impl OutputOptions {
     /// Reads the problem of a command that will leave a result at `target`, once it is clear that
     /// the result has a place.
     pub fn open(&self, folder: &Path, target: &Path) -> Result<Opened, Failure> {
-        self.check_recording_place()?;
+        self.shows()?;
+        self.rrd.as_deref().map_or(Ok(()), check_recording_place)?;
         check_place(target, Holds::Result)?;
         self.set_threads()?;
         let begin = Instant::now();
@@ -323,6 +397,9 @@ mod tests {
             of("refine film/ --out x -q --loss huber --threads=2"),
             "trackbundle refine PROBLEM --loss huber"
         );
+        for shown in ["--spawn", "--connect", "--connect rerun+http://127.0.0.1:1/proxy", "--connect=a://b"] {
+            assert_eq!(of(&format!("refine {shown} film/")), "trackbundle refine PROBLEM", "{shown}");
+        }
         assert_eq!(of("refine --loss-shape=-2 --rrd r film/"), "trackbundle refine --loss-shape=-2 PROBLEM");
     }
 

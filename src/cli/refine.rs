@@ -8,6 +8,7 @@ use super::options::{
     Opened, OutputOptions, command_told, default_result_folder, motion_prior, positive, shape,
 };
 use super::output::{counted, describe_resection, grouped, print, progress};
+use super::session::Session;
 use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
 use crate::evaluate::EvaluateOptions;
 use crate::files::InputFile;
@@ -24,7 +25,7 @@ use crate::report::{
     Report, evaluation_report, left_out, report_of_adjustment, resection_report, result_tables,
     start_residuals_table, states_table,
 };
-use crate::scene::scene;
+use crate::scene;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -117,8 +118,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         arrangement: arguments.elimination,
         motion: MotionPriors { camera: arguments.camera_motion, vehicle: arguments.vehicle_motion },
     };
+    let session = Session::open(output)?;
+    session.begin(|| scene::start(&problem, &initial.estimate));
     let mut told = progress(output.verbose, output.quiet, options.max_iterations);
-    let mut sink = |progress: Progress<'_>| told(&progress);
+    let (is_shown, mut stage, mut iterations) = (output.shows()?, "", Vec::new());
+    let mut sink = |progress: Progress<'_>| {
+        told(&progress);
+        match progress {
+            Progress::Round(_, name) => stage = name,
+            Progress::Iteration(record, estimate) if is_shown => {
+                let iteration = scene::iteration(&problem, stage, record, &estimate());
+                session.iteration(&iteration);
+                iterations.push(iteration);
+            }
+            Progress::Iteration(..) => {}
+        }
+    };
     let mut adjusted = adjust(&problem, &initial.estimate, &options, Some(&mut sink))?;
     let refine_s = begin.elapsed().as_secs_f64();
     let begin = Instant::now();
@@ -149,13 +164,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0, &nothing);
     tables.push(start_residuals_table(&problem, &start));
     tables.extend(arguments.states.map(|rate_hz| states_table(&problem, estimate, precision, rate_hz)));
-    let records: Vec<_> = adjustment.rounds.iter().flat_map(|round| round.records.iter().copied()).collect();
     let draw = |report: &Report| {
-        let summary =
-            format!("# {}\n\n```\n{}```\n", problem.name, summary(adjustment, report, verdict.as_ref()));
-        scene(&problem, &initial.estimate, estimate, &adjustment.fits, precision, &records, summary)
+        let mut drawn = scene::start(&problem, &initial.estimate);
+        scene::add_end(&mut drawn, &problem, estimate, &adjustment.fits, precision);
+        drawn.iterations = iterations;
+        drawn.summary = report.document();
+        drawn.warnings.clone_from(&report.warnings);
+        drawn
     };
-    let folder = output.write(&target, &tables, &mut report, draw)?;
+    let written = output.write(&target, &tables, &mut report, draw)?;
+    let folder = &written.folder;
     if !output.json && !output.quiet {
         print(&describe_resection(initial.resection.as_ref()))?;
         print(&summary(adjustment, &report, verdict.as_ref()))?;
@@ -163,7 +181,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let referenced =
         Referenced { folder: &arguments.problem, vehicles: &vehicles, reference: &reference, inputs };
-    compare_with(referenced, &problem, &folder, arguments)
+    compare_with(referenced, &problem, folder, arguments)?;
+    session.end(written)
 }
 
 /// A problem folder with what its results are compared with.

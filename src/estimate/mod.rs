@@ -131,12 +131,23 @@ impl VehicleEstimate {
         (poses.len() >= order.states()).then(|| Trajectory::new(times_s, poses, order, strengths))
     }
 
+    /// The point whose track is reported, in the vehicle frame.
+    fn marker(&self, vehicle: &Vehicle) -> Point3<f64> {
+        vehicle.marker.and_then(|m| self.points[m]).unwrap_or_else(Point3::origin)
+    }
+
+    /// The places of [`VehicleEstimate::track`], by frame.
+    pub fn places(&self, vehicle: &Vehicle) -> impl Iterator<Item = (usize, Point3<f64>)> {
+        let marker = self.marker(vehicle);
+        vehicle.span().filter_map(move |frame| Some((frame, self.poses[frame]? * marker)))
+    }
+
     /// The track of the marker (without one, or where it is not determined, of the origin), one
     /// point for each frame of the vehicle's span that has a pose. Speeds are those of the path between the
     /// poses ([`VehicleEstimate::path`]); without one, central differences of the positions, one-sided at
     /// the ends.
     pub fn track(&self, problem: &Problem, vehicle: &Vehicle) -> Vec<TrackPoint> {
-        let marker = vehicle.marker.and_then(|m| self.points[m]).unwrap_or_else(Point3::origin);
+        let marker = self.marker(vehicle);
         let mut track: Vec<TrackPoint> = vehicle
             .span()
             .filter_map(|frame| {

@@ -363,6 +363,7 @@ mod tests {
                 // 2 deg to the left of where it goes.
                 heading_deg: Some(wrapped_deg(velocity.y.atan2(velocity.x).to_degrees() + 2.0)),
                 sigma_heading_deg: Some(0.5),
+                is_open: [false; 3],
                 sigma_m: [Some(0.04), Some(0.03), Some(f64::INFINITY)].map(|s| s.filter(|s| s.is_finite())),
                 covariance_xy_m2: Some(0.0),
             }

@@ -16,6 +16,6 @@ pub use inventory::{Inventory, TargetInventory, VehicleInventory};
 pub use problem_folder::read_problem;
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
 pub use result_tables::{
-    RESIDUALS, ResultPoint, ResultReport, ResultResidual, START_RESIDUALS, read_points, read_report,
-    read_residuals,
+    RESIDUALS, ResultPoint, ResultPoses, ResultReport, ResultResidual, START_RESIDUALS, read_points,
+    read_poses, read_report, read_residuals,
 };

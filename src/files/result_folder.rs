@@ -27,6 +27,8 @@ pub struct TrackPosition {
     pub heading_deg: Option<f64>,
     /// Standard deviation per axis \[m\]; `None` where it was not computed or nothing determines the axis.
     pub sigma_m: [Option<f64>; 3],
+    /// Whether nothing determines the axis.
+    pub is_open: [bool; 3],
     /// Covariance of x and y \[m^2\], likewise.
     pub covariance_xy_m2: Option<f64>,
     /// Standard deviation of the speed \[m/s\], likewise.
@@ -93,6 +95,7 @@ pub fn read_tracks(
                 speed_mps: row.speed_mps,
                 heading_deg: row.heading_deg,
                 sigma_m: [row.sigma_x.known(), row.sigma_y.known(), row.sigma_z.known()],
+                is_open: [row.sigma_x.is_open(), row.sigma_y.is_open(), row.sigma_z.is_open()],
                 covariance_xy_m2: row.cov_xy,
                 sigma_speed_mps: row.sigma_speed_mps.known(),
                 sigma_heading_deg: row.sigma_heading_deg.known(),
@@ -136,6 +139,7 @@ mod tests {
         assert_eq!([of(0), of(1)], [("a", 2), ("b", 1)]);
         let first = found.tracks[0].1[0];
         assert_eq!(first.sigma_m, [Some(0.1), Some(0.2), None]);
+        assert_eq!(first.is_open, [false, false, true]);
         assert_eq!((first.covariance_xy_m2, first.speed_mps), (Some(-0.001), None));
         assert_eq!(
             (first.heading_deg, first.sigma_speed_mps, first.sigma_heading_deg),

@@ -1,9 +1,11 @@
 //! The other tables of a result folder, read back: shapes, residuals and the report.
 
-use super::rows::{ResidualRow, VehiclePointResultRow};
+use super::rows::{CameraPoseResultRow, ResidualRow, VehiclePointResultRow, VehiclePoseResultRow};
+use crate::geometry::Pose;
+use crate::problem::Frame;
 use crate::tables::{self, Finding, Findings, Line};
-use nalgebra::{Point3, Vector2};
-use std::collections::HashSet;
+use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector2};
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 /// Image residuals at the end.
@@ -11,6 +13,8 @@ pub const RESIDUALS: &str = "residuals.csv";
 /// Image residuals at the first estimate.
 pub const START_RESIDUALS: &str = "residuals_start.csv";
 const POINTS: &str = "vehicle_points.csv";
+const CAMERA_POSES: &str = "camera_poses.csv";
+const VEHICLE_POSES: &str = "vehicle_poses.csv";
 const REPORT: &str = "report.json";
 
 /// `report.json` of a result.
@@ -25,7 +29,21 @@ pub struct ResultPoint {
     pub position: Point3<f64>,
     /// Standard deviation per axis \[m\]; `None` where it was not computed or nothing determines the axis.
     pub sigma_m: [Option<f64>; 3],
+    /// Whether nothing determines the axis.
+    pub is_open: [bool; 3],
 }
+
+/// The poses of a result, by index of the frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ResultPoses {
+    /// `world_from_camera`.
+    pub cameras: Vec<(usize, Pose)>,
+    /// `world_from_vehicle` of each vehicle that has some, in the order of the frames.
+    pub vehicles: Vec<(String, Vec<(usize, Pose)>)>,
+}
+
+/// Quaternions of a result are rounded, but not by more than this.
+const UNIT: f64 = 1e-3;
 
 /// An image residual of a result.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,6 +88,7 @@ pub fn read_points(
             point: row.point,
             position: Point3::new(x, y, z),
             sigma_m: [row.sigma_x.known(), row.sigma_y.known(), row.sigma_z.known()],
+            is_open: [row.sigma_x.is_open(), row.sigma_y.is_open(), row.sigma_z.is_open()],
         };
         match shapes.iter_mut().find(|(id, _)| *id == row.vehicle) {
             Some((_, points)) => points.push(point),
@@ -77,6 +96,85 @@ pub fn read_points(
         }
     }
     shapes
+}
+
+/// Reads the poses of cameras and vehicles. `frames` and `vehicles` are those of the problem.
+pub fn read_poses(
+    folder: &Path,
+    frames: &[Frame],
+    vehicles: &[String],
+    findings: &mut Findings,
+) -> ResultPoses {
+    let index: HashMap<i64, usize> =
+        frames.iter().enumerate().map(|(at, frame)| (frame.number, at)).collect();
+    let mut poses = ResultPoses::default();
+    let mut seen = HashSet::new();
+    let cameras: Vec<Line<CameraPoseResultRow>> =
+        tables::read(folder, CAMERA_POSES, findings).unwrap_or_default();
+    for Line { line, row } in cameras {
+        let numbers = [row.x, row.y, row.z, row.qw, row.qx, row.qy, row.qz];
+        let place = Place { file: CAMERA_POSES, line, frame: row.frame };
+        if let Some((frame, pose)) = place.pose(&index, numbers, seen.insert((None, row.frame)), findings) {
+            poses.cameras.push((frame, pose));
+        }
+    }
+    let rows: Vec<Line<VehiclePoseResultRow>> =
+        tables::read(folder, VEHICLE_POSES, findings).unwrap_or_default();
+    for Line { line, row } in rows {
+        if !vehicles.contains(&row.vehicle) {
+            let wanted = "a vehicle of problem.toml";
+            findings.error(Finding::of_cell(VEHICLE_POSES, line, "vehicle", wanted, &row.vehicle));
+            continue;
+        }
+        let numbers = [row.x, row.y, row.z, row.qw, row.qx, row.qy, row.qz];
+        let place = Place { file: VEHICLE_POSES, line, frame: row.frame };
+        let is_new = seen.insert((Some(row.vehicle.clone()), row.frame));
+        let Some(found) = place.pose(&index, numbers, is_new, findings) else { continue };
+        match poses.vehicles.iter_mut().find(|(id, _)| *id == row.vehicle) {
+            Some((_, poses)) => poses.push(found),
+            None => poses.vehicles.push((row.vehicle, vec![found])),
+        }
+    }
+    poses.cameras.sort_by_key(|(frame, _)| *frame);
+    poses.vehicles.iter_mut().for_each(|(_, poses)| poses.sort_by_key(|(frame, _)| *frame));
+    poses
+}
+
+/// Where a pose stands in its table.
+struct Place {
+    file: &'static str,
+    line: u64,
+    frame: i64,
+}
+
+impl Place {
+    fn pose(
+        &self,
+        index: &HashMap<i64, usize>,
+        [x, y, z, qw, qx, qy, qz]: [f64; 7],
+        is_new: bool,
+        findings: &mut Findings,
+    ) -> Option<(usize, Pose)> {
+        let Place { file, line, frame } = *self;
+        let mut wrong = |column: &str, wanted: &str, found: &str| {
+            findings.error(Finding::of_cell(file, line, column, wanted, found));
+        };
+        let Some(at) = index.get(&frame) else {
+            wrong("frame", "a frame of frames.csv", &frame.to_string());
+            return None;
+        };
+        if !is_new {
+            wrong("frame", "a frame that is listed once", &frame.to_string());
+            return None;
+        }
+        let quaternion = Quaternion::new(qw, qx, qy, qz);
+        if (quaternion.norm() - 1.0).abs() > UNIT {
+            wrong("qw", "a unit quaternion", &format!("one of length {}", quaternion.norm()));
+            return None;
+        }
+        let rotation = UnitQuaternion::from_quaternion(quaternion);
+        Some((*at, Pose::from_parts(Translation3::new(x, y, z), rotation)))
+    }
 }
 
 /// Reads image residuals from `file`; `None` without it.
@@ -136,6 +234,49 @@ mod tests {
         let ids: Vec<_> = shapes.iter().map(|(id, points)| (id.as_str(), points.len())).collect();
         assert_eq!(ids, [("a", 1), ("b", 1)]);
         assert_eq!(shapes[0].1[0].sigma_m, [Some(0.1), None, None]);
+        assert_eq!(shapes[0].1[0].is_open, [false, true, false]);
+    }
+
+    fn poses(cameras: &str, vehicles: &str) -> Result<ResultPoses, Vec<String>> {
+        let header = "x,y,z,qw,qx,qy,qz\n";
+        let cameras = format!("frame,{header}{cameras}");
+        let vehicles = format!("frame,vehicle,{header}{vehicles}");
+        let folder = folder(&[(CAMERA_POSES, &cameras), (VEHICLE_POSES, &vehicles)]);
+        let frames = [Frame { number: 5, time_s: 0.0 }, Frame { number: 7, time_s: 0.1 }];
+        let mut findings = Findings::default();
+        let poses = read_poses(folder.path(), &frames, &["a".to_owned()], &mut findings);
+        match findings.is_invalid() {
+            true => Err(findings.errors().map(|f| f.to_string()).collect()),
+            false => Ok(poses),
+        }
+    }
+
+    #[test]
+    fn poses_are_read_by_their_frames() {
+        let found = poses("7,1,2,3,0,1,0,0\n5,4,5,6,1,0,0,0\n", "7,a,7,8,9,1,0,0,0\n").unwrap();
+        let places: Vec<_> = found.cameras.iter().map(|(at, pose)| (*at, pose.translation.z)).collect();
+        assert_eq!(places, [(0, 6.0), (1, 3.0)]);
+        let (id, of_vehicle) = &found.vehicles[0];
+        assert_eq!((id.as_str(), of_vehicle[0].0, of_vehicle[0].1.translation.y), ("a", 1, 8.0));
+    }
+
+    #[test]
+    fn what_is_wrong_with_poses_is_named() {
+        let errors = poses(
+            "6,0,0,0,1,0,0,0\n5,0,0,0,1,0,0,0\n5,0,0,0,1,0,0,0\n7,0,0,0,0,0,0,2\n",
+            "7,b,7,8,9,1,0,0,0\n",
+        )
+        .unwrap_err();
+        let wanted = [
+            "camera_poses.csv:2: column frame: expected a frame of frames.csv, found \"6\"",
+            "camera_poses.csv:4: column frame: expected a frame that is listed once",
+            "camera_poses.csv:5: column qw: expected a unit quaternion, found \"one of length 2\"",
+            "vehicle_poses.csv:2: column vehicle: expected a vehicle of problem.toml, found \"b\"",
+        ];
+        assert_eq!(errors.len(), wanted.len(), "{errors:#?}");
+        for (found, wanted) in errors.iter().zip(wanted) {
+            assert!(found.starts_with(wanted), "{found}");
+        }
     }
 
     #[test]

@@ -98,6 +98,30 @@ input_row!(
 );
 
 input_row!(
+    /// `camera_poses.csv` of a result read back.
+    CameraPoseResultRow {
+        required frame: i64,
+        required x: f64, required y: f64, required z: f64,
+        required qw: f64, required qx: f64, required qy: f64, required qz: f64,
+        optional sigma_x: ResultSigma, optional sigma_y: ResultSigma, optional sigma_z: ResultSigma,
+        optional sigma_roll_deg: ResultSigma, optional sigma_pitch_deg: ResultSigma,
+        optional sigma_yaw_deg: ResultSigma,
+    }
+);
+
+input_row!(
+    /// `vehicle_poses.csv` of a result read back.
+    VehiclePoseResultRow {
+        required frame: i64, required vehicle: String,
+        required x: f64, required y: f64, required z: f64,
+        required qw: f64, required qx: f64, required qy: f64, required qz: f64,
+        optional sigma_x: ResultSigma, optional sigma_y: ResultSigma, optional sigma_z: ResultSigma,
+        optional sigma_roll_deg: ResultSigma, optional sigma_pitch_deg: ResultSigma,
+        optional sigma_yaw_deg: ResultSigma,
+    }
+);
+
+input_row!(
     /// `residuals.csv` read back.
     ResidualRow {
         required frame: i64, required kind: String, required vehicle: Option<String>, required point: String,
@@ -227,6 +251,10 @@ mod tests {
         assert_eq!(read, TrajectoryResult::HEADER);
         let read: Vec<&str> = VehiclePointResultRow::COLUMNS.iter().map(|column| column.name).collect();
         assert_eq!(read, VehiclePointResult::HEADER);
+        let read: Vec<&str> = CameraPoseResultRow::COLUMNS.iter().map(|column| column.name).collect();
+        assert_eq!(read, CameraPoseResult::HEADER);
+        let read: Vec<&str> = VehiclePoseResultRow::COLUMNS.iter().map(|column| column.name).collect();
+        assert_eq!(read, VehiclePoseResult::HEADER);
         let read: Vec<&str> = ResidualRow::COLUMNS.iter().map(|column| column.name).collect();
         assert_eq!(read, ResidualResult::HEADER);
     }

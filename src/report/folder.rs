@@ -73,8 +73,6 @@ pub const PROGRAM: &str = "trackbundle";
 pub struct Staged {
     target: PathBuf,
     stage: PathBuf,
-    /// Single files outside the folder: where they are made, where they go.
-    elsewhere: Vec<(PathBuf, PathBuf)>,
 }
 
 /// Why a place cannot take a result.
@@ -129,19 +127,12 @@ impl Staged {
             std::fs::create_dir_all(parent).map_err(io)?;
         }
         std::fs::create_dir(&stage).map_err(io)?;
-        Ok(Staged { target, stage, elsewhere: Vec::new() })
+        Ok(Staged { target, stage })
     }
 
     /// Where a file of the folder is made.
     pub fn path(&self, name: &str) -> PathBuf {
         self.stage.join(name)
-    }
-
-    /// Where a file that will appear at `target`, outside the folder, is made.
-    pub fn path_elsewhere(&mut self, target: &Path) -> PathBuf {
-        let stage = beside(target, "partial");
-        self.elsewhere.push((stage.clone(), target.to_owned()));
-        stage
     }
 
     /// Writes a file of the folder.
@@ -150,7 +141,7 @@ impl Staged {
     }
 
     /// Puts everything in its place; a result that stood there is replaced.
-    pub fn publish(mut self) -> io::Result<PathBuf> {
+    pub fn publish(self) -> io::Result<PathBuf> {
         let old = beside(&self.target, "old");
         let replaces = std::fs::symlink_metadata(&self.target).is_ok();
         if replaces {
@@ -161,9 +152,6 @@ impl Staged {
                 std::fs::rename(&old, &self.target)?;
             }
             return Err(error);
-        }
-        for (stage, target) in std::mem::take(&mut self.elsewhere) {
-            std::fs::rename(stage, target)?;
         }
         if replaces {
             std::fs::remove_dir_all(&old)?;
@@ -176,10 +164,23 @@ impl Drop for Staged {
     fn drop(&mut self) {
         // Nothing is left to do about a failure here.
         let _ = std::fs::remove_dir_all(&self.stage);
-        for (stage, _) in &self.elsewhere {
-            let _ = std::fs::remove_file(stage);
-        }
     }
+}
+
+/// Makes a single file with `write`: it appears whole or not at all. The error is told with what it is about.
+pub fn whole_file<E: std::fmt::Display>(
+    target: &Path,
+    write: impl FnOnce(&Path) -> Result<(), E>,
+) -> Result<(), String> {
+    let stage = beside(target, "partial");
+    let told = |error: &dyn std::fmt::Display| format!("{}: {error}", target.display());
+    let written = write(&stage).map_err(|error| told(&error));
+    let moved = written.and_then(|()| std::fs::rename(&stage, target).map_err(|error| told(&error)));
+    if moved.is_err() {
+        // Nothing is left to do about a failure here.
+        let _ = std::fs::remove_file(&stage);
+    }
+    moved
 }
 
 /// A hidden place in the same folder, so that moving from there is one step.
@@ -226,12 +227,19 @@ mod tests {
     #[test]
     fn what_is_given_up_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        let mut staged = Staged::begin(&folder.path().join("result"), Holds::Result).unwrap();
+        let staged = Staged::begin(&folder.path().join("result"), Holds::Result).unwrap();
         staged.write(&file("a", "b")).unwrap();
-        let elsewhere = staged.path_elsewhere(&folder.path().join("x.rrd"));
-        std::fs::write(elsewhere, "half").unwrap();
         drop(staged);
         assert!(names(folder.path()).is_empty());
+        let single = folder.path().join("x.rrd");
+        let half = whole_file(&single, |place| {
+            std::fs::write(place, "half").unwrap();
+            Err("the disk is full")
+        });
+        assert_eq!(half, Err(format!("{}: the disk is full", single.display())));
+        assert!(names(folder.path()).is_empty());
+        whole_file(&single, |place| std::fs::write(place, "whole")).unwrap();
+        assert_eq!(names(folder.path()), ["x.rrd"]);
     }
 
     #[test]

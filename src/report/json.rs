@@ -517,6 +517,11 @@ impl Report {
         self.inputs = inputs.iter().map(report).collect();
     }
 
+    /// The verdict and what it rests on as a document to read.
+    pub fn document(&self) -> String {
+        super::document(&serde_json::to_value(self).expect("plain data"))
+    }
+
     /// Its text, as it stands in the folder.
     pub fn to_json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self).expect("plain data");

@@ -2,6 +2,7 @@
 
 mod cloud;
 mod diagnosis;
+mod document;
 mod evaluation;
 mod exports;
 pub mod folder;
@@ -12,6 +13,7 @@ mod tables;
 
 pub use cloud::cloud_with_scalars;
 pub use cloud::distance_clouds;
+pub use document::document;
 pub use evaluation::{EvaluationReport, evaluation_report};
 pub use exports::exports;
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};

@@ -1,28 +1,28 @@
-//! Results into what `viz` draws.
+//! Results into what `viz` draws: the start, states on the way, the end as it was adjusted or as it is read back
+//! from a folder, and what it is compared with.
 
+mod compared;
 mod ground;
+mod images;
+mod open;
+mod result;
+
+pub use compared::{add_comparison, add_map};
+pub use result::{Shown, add_result};
 
 use crate::diagnose::{Precision, TrackPrecision};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{self, quaternion_wxyz};
 use crate::nlls::minimise::IterationRecord;
 use crate::problem::{Known, Problem, Role, Vehicle};
-use crate::refine::{Fits, ObservationFit};
+use crate::refine::Fits;
+use images::{Judged, image_points};
 use trackbundle_viz as viz;
 
-/// The scene of an adjustment from `start` to `end`; the two are the same where nothing was adjusted.
-pub fn scene(
-    problem: &Problem,
-    start: &Estimate,
-    end: &Estimate,
-    fits: &Fits,
-    precision: Option<&Precision>,
-    iterations: &[IterationRecord],
-    summary: String,
-) -> viz::Scene {
-    let none = Precision::default();
-    let precision = precision.unwrap_or(&none);
+/// The scene before anything is adjusted.
+pub fn start(problem: &Problem, start: &Estimate) -> viz::Scene {
     let frames = problem.frames.iter().map(|f| viz::Frame { number: f.number, time_s: f.time_s });
+    let vehicles = problem.vehicles.iter().zip(&start.vehicles);
     viz::Scene {
         name: problem.name.clone(),
         frames: frames.collect(),
@@ -31,40 +31,80 @@ pub fn scene(
             focal_px: problem.camera.focal_px.into(),
             principal_px: problem.camera.principal_px.into(),
             before: start.camera_poses.iter().map(pose).collect(),
-            after: end.camera_poses.iter().map(pose).collect(),
+            after: Vec::new(),
         },
-        bodies: bodies(problem, start, end, precision),
-        targets: targets(problem, end),
-        image_points: image_points(problem, fits),
-        ground: ground::ground(problem, end),
-        iterations: iterations
-            .iter()
-            .map(|r| viz::Iteration { cost: r.cost, damping: r.damping, step: r.step })
+        bodies: vehicles
+            .filter(|(_, estimate)| estimate.left_out.is_none())
+            .map(|(vehicle, estimate)| viz::Body {
+                id: vehicle.id.clone(),
+                before: state(problem, vehicle, estimate, &[], &[]),
+                ..viz::Body::default()
+            })
             .collect(),
-        summary,
+        targets: targets(problem, start),
+        image_points: image_points(problem, |_, _| Judged::default(), |_| Judged::default()),
+        ground: ground::ground(problem, start),
+        ..viz::Scene::default()
+    }
+}
+
+/// Adds the end of an adjustment.
+pub fn add_end(
+    scene: &mut viz::Scene,
+    problem: &Problem,
+    end: &Estimate,
+    fits: &Fits,
+    precision: Option<&Precision>,
+) {
+    let none = Precision::default();
+    let precision = precision.unwrap_or(&none);
+    scene.camera.after = end.camera_poses.iter().map(pose).collect();
+    let vehicles = problem.vehicles.iter().zip(&end.vehicles).enumerate();
+    for (at, (vehicle, estimate)) in vehicles.filter(|(_, (_, estimate))| estimate.left_out.is_none()) {
+        let sigmas_m = precision.points.get(at).map_or(&[][..], Vec::as_slice);
+        let of_track = precision.tracks.get(at).map_or(&[][..], Vec::as_slice);
+        let after = state(problem, vehicle, estimate, sigmas_m, of_track);
+        if let Some(body) = scene.bodies.iter_mut().find(|body| body.id == vehicle.id) {
+            body.after = after;
+        }
+    }
+    scene.bodies.retain(|body| !body.after.poses.is_empty());
+    scene.targets = targets(problem, end);
+    scene.image_points = image_points(
+        problem,
+        |vehicle, at| Judged::by(&fits.vehicles[vehicle][at], fits.verdicts.vehicles[vehicle][at]),
+        |at| Judged::by(&fits.targets[at], fits.verdicts.targets[at]),
+    );
+    open::add_open(scene);
+}
+
+/// An iteration with the state after it.
+pub fn iteration(
+    problem: &Problem,
+    stage: &'static str,
+    record: &IterationRecord,
+    estimate: &Estimate,
+) -> viz::Iteration {
+    let vehicles = problem.vehicles.iter().zip(&estimate.vehicles);
+    let body = |(vehicle, estimate): (&Vehicle, &VehicleEstimate)| viz::BodySnapshot {
+        id: vehicle.id.clone(),
+        track_m: estimate.places(vehicle).map(|(_, place)| place.coords.into()).collect(),
+        points_m: estimate.points.iter().flatten().map(|p| p.coords.into()).collect(),
+    };
+    viz::Iteration {
+        stage,
+        cost: record.cost,
+        damping: record.damping,
+        step: (record.iteration > 0).then_some(record.step),
+        state: viz::Snapshot {
+            camera_m: estimate.camera_poses.iter().map(|pose| pose.translation.vector.into()).collect(),
+            bodies: vehicles.filter(|(_, estimate)| estimate.left_out.is_none()).map(body).collect(),
+        },
     }
 }
 
 fn pose(pose: &geometry::Pose) -> viz::Pose {
     viz::Pose { position_m: pose.translation.vector.into(), quaternion_wxyz: quaternion_wxyz(pose) }
-}
-
-fn bodies(problem: &Problem, start: &Estimate, end: &Estimate, precision: &Precision) -> Vec<viz::Body> {
-    let pairs = start.vehicles.iter().zip(&end.vehicles).zip(&problem.vehicles).enumerate();
-    pairs
-        .filter(|(_, ((_, end), _))| end.left_out.is_none())
-        .map(|(at, ((start, end), vehicle))| viz::Body {
-            id: vehicle.id.clone(),
-            before: state(problem, vehicle, start, &[], &[]),
-            after: state(
-                problem,
-                vehicle,
-                end,
-                precision.points.get(at).map_or(&[], Vec::as_slice),
-                precision.tracks.get(at).map_or(&[], Vec::as_slice),
-            ),
-        })
-        .collect()
 }
 
 /// A state with its standard deviations, of each point and of each place of the track, where there are some.
@@ -103,7 +143,7 @@ fn track_precision(found: &TrackPrecision) -> viz::TrackPrecision {
     }
 }
 
-fn targets(problem: &Problem, end: &Estimate) -> Vec<viz::Target> {
+fn targets(problem: &Problem, estimate: &Estimate) -> Vec<viz::Target> {
     let target = |(target, found): (&crate::problem::Target, &Option<nalgebra::Point3<f64>>)| {
         let (role, position) = match target.role {
             Role::Check => (viz::TargetRole::Check, target.surveyed()?),
@@ -115,32 +155,5 @@ fn targets(problem: &Problem, end: &Estimate) -> Vec<viz::Target> {
         let sigma_m = (|| Some([x?, y?, z?]))();
         Some(viz::Target { id: target.id.clone(), role, position_m: position.coords.into(), sigma_m })
     };
-    problem.targets.iter().zip(&end.targets).filter_map(target).collect()
-}
-
-fn image_points(problem: &Problem, fits: &Fits) -> Vec<Vec<viz::ImagePoint>> {
-    let mut frames = vec![Vec::new(); problem.frames.len()];
-    let point =
-        |kind, observed_px: nalgebra::Vector2<f64>, takes_part: bool, fit: &Option<ObservationFit>| {
-            viz::ImagePoint {
-                kind,
-                observed_px: observed_px.into(),
-                computed_px: fit.map(|fit| (observed_px - fit.residual_px).into()),
-                marking: match fit {
-                    Some(fit) if takes_part && !fit.is_outlier => viz::Marking::Good,
-                    Some(_) if takes_part => viz::Marking::Rejected,
-                    _ => viz::Marking::NotUsed,
-                },
-            }
-        };
-    for (vehicle, fits) in problem.vehicles.iter().zip(&fits.vehicles) {
-        for (o, fit) in vehicle.observations.iter().zip(fits) {
-            frames[o.frame].push(point(viz::ImagePointKind::Body, o.image_px, true, fit));
-        }
-    }
-    for (o, fit) in problem.target_observations.iter().zip(&fits.targets) {
-        let takes_part = problem.targets[o.target].role == Role::Control;
-        frames[o.frame].push(point(viz::ImagePointKind::Target, o.image_px, takes_part, fit));
-    }
-    frames
+    problem.targets.iter().zip(&estimate.targets).filter_map(target).collect()
 }

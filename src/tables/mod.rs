@@ -224,6 +224,11 @@ impl ResultSigma {
     pub fn known(self) -> Option<f64> {
         self.0.filter(|sigma| sigma.is_finite())
     }
+
+    /// Whether nothing determines the quantity.
+    pub fn is_open(self) -> bool {
+        self.0.is_some_and(f64::is_infinite)
+    }
 }
 
 /// Implements [`Cell`] for a type that is read as `$from` and must be `$right`.
