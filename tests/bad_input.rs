@@ -5,6 +5,8 @@ mod support;
 use std::path::Path;
 use support::drive::Drive;
 use support::program;
+use trackbundle::files::read_problem;
+use trackbundle::problem::Video;
 
 /// A problem with every table there is.
 fn whole(folder: &Path) {
@@ -163,6 +165,54 @@ const GRID_DAMAGES: &[(&str, Damage, &[&str])] = &[
     ("problem.toml", Replace("ground.asc", "reference"), &["reference: expected the terrain grid"]),
 ];
 
+/// A problem with the images of its frames.
+fn filmed(folder: &Path) {
+    whole(folder);
+    std::fs::create_dir(folder.join("images")).unwrap();
+    for frame in 0..6 {
+        // The head of an image of 3840 x 2160 px.
+        let head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\x0f\0\0\0\x08\x70\x08\x02\0\0\0";
+        std::fs::write(folder.join(format!("images/{frame:03}.png")), head).unwrap();
+    }
+    apply(&Replace("[noise]", "[video]\nimages = \"images\"\n[noise]"), &folder.join("problem.toml"));
+}
+
+/// Damages to the film of [`filmed`].
+const FILM_DAMAGES: &[(&str, Damage, &[&str])] = &[
+    (
+        "problem.toml",
+        Replace("images = \"images\"", "images = \"frames\""),
+        &["frames: expected the folder of images that problem.toml names"],
+    ),
+    (
+        "problem.toml",
+        Replace("images = \"images\"", "file = \"film.mp4\""),
+        &["film.mp4: expected the film that problem.toml names"],
+    ),
+    (
+        "problem.toml",
+        Replace("images = \"images\"", "images = \"images\"\npattern = \"{frame}.jpg\""),
+        &["images: expected images of the frames of frames.csv, {frame}.jpg, found \"none\""],
+    ),
+    (
+        "problem.toml",
+        Replace("images = \"images\"", "images = \"images\"\nfile = \"images/000.png\""),
+        &["column video.images: expected one of images and file"],
+    ),
+    (
+        "problem.toml",
+        Replace("width = 3840", "width = 4096"),
+        &[
+            "images/005.png: expected 4096 x 2160 px as [camera] of problem.toml has it, found \"3840 x 2160 px\"",
+        ],
+    ),
+    (
+        "frames.csv",
+        Replace("0,0\n", "-1,-1\n0,0\n"),
+        &["images: expected as many images as frames.csv has frames (7), or a pattern, found \"6\""],
+    ),
+];
+
 #[test]
 fn damaged_copies_are_refused_with_their_place_and_nothing_is_written() {
     refuse_damages(whole, DAMAGES);
@@ -171,6 +221,29 @@ fn damaged_copies_are_refused_with_their_place_and_nothing_is_written() {
 #[test]
 fn damaged_terrain_grids_are_refused_with_their_place() {
     refuse_damages(on_a_grid, GRID_DAMAGES);
+}
+
+#[test]
+fn damaged_films_are_refused_with_their_place() {
+    refuse_damages(filmed, FILM_DAMAGES);
+}
+
+#[test]
+fn a_film_is_found_and_has_no_effect() {
+    let place = tempfile::tempdir().unwrap();
+    let problem = place.path().join("problem");
+    filmed(&problem);
+    let wanted = (0..6).map(|frame| Some(problem.join(format!("images/{frame:03}.png")))).collect();
+    let folder = read_problem(&problem).unwrap_or_else(|findings| panic!("{findings}"));
+    assert_eq!((folder.problem.unwrap().video, folder.warnings.len()), (Some(Video::Images(wanted)), 0));
+    let refined = || {
+        program().arg("refine").arg(&problem).args(["--no-rrd", "--quiet"]).assert().success();
+        std::fs::read(place.path().join("problem-result/vehicle_poses.csv")).unwrap()
+    };
+    let with = refined();
+    apply(&Replace("[video]\nimages = \"images\"\n", ""), &problem.join("problem.toml"));
+    assert!(read_problem(&problem).unwrap().problem.unwrap().video.is_none());
+    assert!(refined() == with);
 }
 
 fn refuse_damages(whole: impl Fn(&Path), damages: &[(&str, Damage, &[&str])]) {

@@ -143,6 +143,7 @@ const DOORS: &[(&str, &[&str])] = &[
     ("geodesy", &["reference"]),
     ("nmea", &["reference"]),
     ("tiff", &["terrain"]),
+    ("imagesize", &["files"]),
     ("ply_rs_bw", &["reference", "report"]),
     ("las", &["reference"]),
     ("laz", &["reference"]),

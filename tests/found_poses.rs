@@ -169,6 +169,7 @@ fn problem(vehicles: Vec<Vehicle>) -> Problem {
         calibration: Default::default(),
         shutter: Default::default(),
         receivers: Vec::new(),
+        video: None,
         frames: (0..FRAMES).map(|f| Frame { number: f as i64, time_s: f as f64 / RATE_HZ }).collect(),
         camera_poses: camera_poses().into_iter().map(Some).collect(),
         camera_pose_sigma: exact,

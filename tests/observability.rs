@@ -148,6 +148,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
         calibration: Default::default(),
         shutter: Default::default(),
         receivers: Vec::new(),
+        video: None,
         ground: plan.has_ground.then(|| GroundKnowledge {
             terrain: Terrain::Plane { z_m: 0.0 },
             sigma_m: 0.02,

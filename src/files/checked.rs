@@ -5,7 +5,7 @@ use super::problem_toml::Settings;
 use crate::geometry::Pose;
 use crate::problem::{
     Frame, GroundKnowledge, Known, Problem, ReceivedPosition, Receiver, ShapePoint, Target,
-    TargetObservation, Vehicle, VehicleObservation,
+    TargetObservation, Vehicle, VehicleObservation, Video,
 };
 use crate::tables::Findings;
 use nalgebra::Vector2;
@@ -50,6 +50,7 @@ pub(super) struct Checked<'t> {
     pub known_points: HashMap<(usize, &'t str), [Option<Known>; 3]>,
     /// Positions of each vehicle and point.
     pub received: Vec<(usize, &'t str, ReceivedPosition)>,
+    pub video: Option<Video>,
 }
 
 impl Checked<'_> {
@@ -87,6 +88,7 @@ impl Checked<'_> {
             vehicle_pose_sigma: self.settings.vehicle_pose_sigma,
             ground: self.ground,
             receivers,
+            video: self.video,
         };
         Folder { inventory, problem: Ok(problem), warnings }
     }

@@ -49,4 +49,21 @@ mod tests {
         let wanted = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!((found[1].bytes, found[1].sha256.as_str()), (3, wanted));
     }
+
+    #[test]
+    fn a_film_is_no_input() {
+        let place = tempfile::tempdir().unwrap();
+        std::fs::create_dir(place.path().join("images")).unwrap();
+        for (name, text) in
+            [("film.mp4", "a film"), ("images/1.png", "an image"), ("frames.csv", "frame,time_s\n")]
+        {
+            std::fs::write(place.path().join(name), text).unwrap();
+        }
+        for video in ["images = \"images\"", "file = \"film.mp4\""] {
+            std::fs::write(place.path().join("problem.toml"), format!("[video]\n{video}\n")).unwrap();
+            let found = input_files(place.path());
+            let names: Vec<&str> = found.iter().map(|f| f.file.as_str()).collect();
+            assert_eq!(names, ["problem.toml", "frames.csv"]);
+        }
+    }
 }

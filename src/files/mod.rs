@@ -9,6 +9,7 @@ mod result_folder;
 mod result_tables;
 pub mod rows;
 mod section;
+mod video;
 
 pub use checked::Folder;
 pub use inputs::{InputFile, input_files};

@@ -6,8 +6,11 @@ use super::rows::{
     CameraPoseRow, FrameRow, GnssObservationRow, KnownPointRow, TargetObservationRow, TargetRow,
     VehicleObservationRow, VehiclePoseRow,
 };
+use super::video;
 use crate::geometry::{self, Pose};
-use crate::problem::{Frame, GroundKnowledge, Known, ReceivedPosition, Role, Target, TargetObservation};
+use crate::problem::{
+    Frame, GroundKnowledge, Known, ReceivedPosition, Role, Target, TargetObservation, Video,
+};
 use crate::tables::{self, Finding, Findings, Line, Row};
 use crate::terrain::{GridFault, Terrain};
 use nalgebra::{Point3, Vector2, Vector4};
@@ -174,6 +177,7 @@ impl Reader<'_> {
         let vehicle_poses = self.check_vehicle_poses(tables, &index);
         let known_points = self.check_known_points(tables, &index, &vehicle_observations);
         let received = self.check_gnss(tables, &index, &vehicle_observations);
+        let video = self.check_video(tables);
 
         let settings = tables.settings.as_ref()?;
         let frame_rows = tables.frames.as_ref()?;
@@ -206,6 +210,7 @@ impl Reader<'_> {
             has_vehicle_poses: tables.vehicle_poses.is_some(),
             known_points,
             received,
+            video,
         })
     }
 
@@ -489,6 +494,16 @@ impl Reader<'_> {
             ));
         }
         received
+    }
+
+    fn check_video(&mut self, tables: &Tables) -> Option<Video> {
+        let settings = tables.settings.as_ref()?;
+        let video = settings.video.as_ref()?;
+        // Rows that are wrong are left out: then it is not known which frames there are.
+        let is_whole = self.findings.errors().all(|finding| finding.file != FRAMES);
+        let rows = tables.frames.as_ref().filter(|_| is_whole);
+        let frames: Option<Vec<i64>> = rows.map(|rows| rows.iter().map(|line| line.row.frame).collect());
+        video::read(self.folder, video, settings.camera.size_px, frames.as_deref(), &mut self.findings)
     }
 }
 

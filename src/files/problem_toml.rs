@@ -1,6 +1,7 @@
 //! `problem.toml`.
 
 use super::section::{Document, Section};
+use super::video::Pattern;
 use crate::camera::{Brown, Camera, Fisheye, INTERIOR, Lens, principal_in_image};
 use crate::problem::{Calibration, Freedom, GroundKnowledge, Known, PoseSigma, ReceiverKnowledge, Shutter};
 use crate::tables::Findings;
@@ -24,6 +25,7 @@ pub struct Settings {
     pub vehicle_pose_sigma: PoseSigma,
     pub ground: Option<GroundSettings>,
     pub vehicles: Vec<VehicleSettings>,
+    pub video: Option<VideoSettings>,
 }
 
 /// `[terrain]`.
@@ -51,6 +53,15 @@ impl GroundSettings {
         let GroundSettings { sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad, .. } = *self;
         GroundKnowledge { terrain, sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad }
     }
+}
+
+/// `[video]`.
+#[derive(Debug, PartialEq)]
+pub enum VideoSettings {
+    /// A folder of images, and how that of a frame is named; without, they are in the order of the frames.
+    Images { folder: String, pattern: Option<Pattern> },
+    /// A film in one file, and time in it minus video time \[s\].
+    File { file: String, offset_s: f64 },
 }
 
 /// One `[[vehicle]]`.
@@ -91,6 +102,7 @@ fn read(top: &Section) -> Option<Settings> {
     });
     let ground = top.table("terrain", read_terrain).flatten();
     let gnss = top.table("gnss", read_gnss).unwrap_or_default();
+    let video = top.table("video", read_video).flatten();
     let (camera, calibration, shutter) = match camera {
         Some((camera, calibration, shutter)) => (Some(camera), calibration, shutter),
         None => (None, Calibration::default(), Shutter::default()),
@@ -119,6 +131,7 @@ fn read(top: &Section) -> Option<Settings> {
         vehicle_pose_sigma: noise.vehicle,
         ground,
         vehicles,
+        video,
     })
 }
 
@@ -311,6 +324,28 @@ fn read_terrain(terrain: &Section) -> Option<GroundSettings> {
     Some(GroundSettings { terrain, sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad })
 }
 
+/// `[video]`: the film itself, to look at.
+fn read_video(video: &Section) -> Option<VideoSettings> {
+    let images = video.text("images");
+    let file = video.text("file");
+    let offset_s = video.any_number("offset_s").unwrap_or(0.0);
+    let pattern = video.text("pattern").map(|text| Pattern::new(&text));
+    if pattern == Some(None) {
+        video.error("pattern", "a name with one {frame} or, with zeros in front, {frame:06} in it");
+    }
+    if video.has("images") == video.has("file") {
+        video.error("images", "one of images and file");
+        return None;
+    }
+    for (key, other) in [("pattern", "images"), ("offset_s", "file")] {
+        if video.has(key) && !video.has(other) {
+            video.error(key, &format!("nothing without {other}"));
+        }
+    }
+    let images = images.map(|folder| VideoSettings::Images { folder, pattern: pattern.flatten() });
+    images.or(file.map(|file| VideoSettings::File { file, offset_s }))
+}
+
 fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
     let id = vehicle.required("id", "a text", || vehicle.text("id"));
     // The id becomes part of a file's name.
@@ -477,6 +512,53 @@ id = "car2"
             "problem.toml:18: column terrain.plane_z: expected one of plane_z and grid, found \"1.0\"";
         assert_eq!(errors(&both), [wanted]);
         assert_eq!(errors(&WHOLE.replace("plane_z = 1.0\n", "")).len(), 1);
+    }
+
+    #[test]
+    fn a_film_is_images_or_a_file() {
+        let with = |keys: &str| format!("{WHOLE}[video]\n{keys}\n");
+        let video = |keys: &str| {
+            let (settings, findings) = parse(&with(keys));
+            assert_eq!(findings, Findings::default());
+            settings.unwrap().video
+        };
+        assert_eq!(parse(WHOLE).0.unwrap().video, None);
+        let images = |pattern| Some(VideoSettings::Images { folder: "in".to_owned(), pattern });
+        assert_eq!(video("images = \"in\""), images(None));
+        let pattern = Pattern::new("f{frame:04}.png");
+        assert!(pattern.is_some());
+        assert_eq!(video("images = \"in\"\npattern = \"f{frame:04}.png\""), images(pattern));
+        let film = |offset_s| Some(VideoSettings::File { file: "a.mp4".to_owned(), offset_s });
+        assert_eq!(video("file = \"a.mp4\""), film(0.0));
+        assert_eq!(video("file = \"a.mp4\"\noffset_s = -2.5"), film(-2.5));
+        for (keys, key, wanted, found) in [
+            ("", "26: column video.images", "one of images and file", "nothing"),
+            (
+                "images = \"in\"\nfile = \"a\"",
+                "27: column video.images",
+                "one of images and file",
+                "\\\"in\\\"",
+            ),
+            (
+                "file = \"a\"\npattern = \"{frame}\"",
+                "28: column video.pattern",
+                "nothing without images",
+                "\\\"{frame}\\\"",
+            ),
+            ("images = \"in\"\noffset_s = 1", "28: column video.offset_s", "nothing without file", "1"),
+            (
+                "images = \"in\"\npattern = \"a.png\"",
+                "28: column video.pattern",
+                "a name with one {frame} or, with zeros in front, {frame:06} in it",
+                "\\\"a.png\\\"",
+            ),
+            ("file = \"a\"\noffset_s = inf", "28: column video.offset_s", "a finite number", "inf"),
+            ("images = \"\"", "27: column video.images", "a text that is not empty", "\\\"\\\""),
+            ("file = 1", "27: column video.file", "a text", "1"),
+        ] {
+            let wanted = format!("problem.toml:{key}: expected {wanted}, found \"{found}\"");
+            assert_eq!(errors(&with(keys)), [wanted]);
+        }
     }
 
     #[test]

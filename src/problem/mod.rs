@@ -5,12 +5,14 @@
 //! `files` makes it from a folder and refuses anything else.
 
 mod knowledge;
+mod video;
 
 use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::terrain::Terrain;
 pub use knowledge::{Calibration, Freedom, ReceivedPosition, Receiver, ReceiverKnowledge, Shutter};
 use nalgebra::{Point3, Vector2};
+pub use video::Video;
 
 /// One film with everything that is known of it.
 #[derive(Clone, Debug)]
@@ -42,6 +44,8 @@ pub struct Problem {
     pub ground: Option<GroundKnowledge>,
     /// Receivers whose positions are adjusted to, in the order of vehicles and points.
     pub receivers: Vec<Receiver>,
+    /// The film itself, where it is there.
+    pub video: Option<Video>,
 }
 
 /// A frame of the film.

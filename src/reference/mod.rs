@@ -11,6 +11,7 @@ mod truth;
 use crate::geometry::Pose;
 use crate::tables::{Finding, Findings};
 pub use gnss::GnssPosition;
+pub use receiver::World;
 pub use scan::{Scan, read_cloud};
 use std::path::Path;
 pub use truth::{TrueShape, read as read_true_shapes};
@@ -24,6 +25,8 @@ pub struct Reference {
     pub scans: Vec<(String, Scan)>,
     /// `vehicle_from_scan` of each vehicle that has such a file.
     pub matrices: Vec<(String, Pose)>,
+    /// Where the world is on the Earth, if `reference/reference.toml` says so.
+    pub world: Option<World>,
     /// What is odd.
     pub warnings: Vec<String>,
 }
@@ -47,16 +50,17 @@ fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: 
     }
 }
 
-/// The track of each vehicle that has one; two for one vehicle are refused.
+/// The track of each vehicle that has one; two for one vehicle are refused. And where the world is.
 fn read_tracks(
     problem_folder: &Path,
     vehicles: &[String],
     findings: &mut Findings,
-) -> Vec<(String, Vec<GnssPosition>)> {
+) -> (Vec<(String, Vec<GnssPosition>)>, Option<World>) {
     let mut tracks = gnss::read(problem_folder, vehicles, findings);
     let mut files: Vec<(String, String)> =
         tracks.iter().map(|(vehicle, _)| (vehicle.clone(), gnss::FILE.to_owned())).collect();
-    for (vehicle, file, track) in receiver::read(problem_folder, vehicles, findings) {
+    let received = receiver::read(problem_folder, vehicles, findings);
+    for (vehicle, file, track) in received.tracks {
         match files.iter().find(|(id, _)| *id == vehicle) {
             Some((_, other)) => {
                 let wanted = format!("one track of {vehicle}");
@@ -68,13 +72,13 @@ fn read_tracks(
             }
         }
     }
-    tracks
+    (tracks, received.world)
 }
 
 /// Reads and validates the folder `reference` of a problem with these vehicles.
 pub fn read_reference(problem_folder: &Path, vehicles: &[String]) -> Result<Reference, Findings> {
     let mut findings = Findings::default();
-    let tracks = read_tracks(problem_folder, vehicles, &mut findings);
+    let (tracks, world) = read_tracks(problem_folder, vehicles, &mut findings);
     let scans = scan::read(problem_folder, vehicles, &mut findings);
     let matrices = matrix::read(problem_folder, vehicles, &mut findings);
     warn_of_files_not_read(problem_folder, vehicles, &mut findings);
@@ -82,7 +86,7 @@ pub fn read_reference(problem_folder: &Path, vehicles: &[String]) -> Result<Refe
     if findings.is_invalid() {
         return Err(findings);
     }
-    Ok(Reference { tracks, scans, matrices, warnings })
+    Ok(Reference { tracks, scans, matrices, world, warnings })
 }
 
 #[cfg(test)]
@@ -103,6 +107,23 @@ mod tests {
         assert_eq!(reference.warnings.len(), 2, "{:?}", reference.warnings);
         assert!(reference.warnings[0].contains("antenna"));
         assert!(reference.warnings[1].ends_with(": car1.txt, ghost.matrix.txt, ghost.ply, ghost.pos"));
+    }
+
+    #[test]
+    fn the_world_is_known_without_a_track() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("reference");
+        std::fs::create_dir(&folder).unwrap();
+        let read = || read_reference(place.path(), &["a".to_owned()]).unwrap();
+        assert!(read().world.is_none());
+        let text = "[world]\nutm_zone = 32\nhemisphere = \"north\"\nshift_x_m = 500000\nshift_y_m = 5000000\n\
+                    [time]\nzero = 2026-05-01T10:00:00Z\n";
+        std::fs::write(folder.join("reference.toml"), text).unwrap();
+        let Reference { tracks, world, warnings, .. } = read();
+        assert_eq!((tracks.len(), warnings.len()), (0, 0));
+        // On the meridian of the zone.
+        let [latitude, longitude] = world.unwrap().geodetic_deg(nalgebra::Point3::origin()).unwrap();
+        assert!((longitude - 9.0).abs() < 1e-9 && (45.0..45.3).contains(&latitude), "{latitude} {longitude}");
     }
 
     #[test]

@@ -35,6 +35,7 @@ pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(
         targets: problem.targets.clone(),
         target_observations: problem.target_observations.clone(),
         vehicles: vec![problem.vehicles[vehicle].clone()],
+        video: None,
     };
     let found = Estimate {
         camera_poses: estimate.camera_poses.clone(),

@@ -58,6 +58,7 @@ pub fn better_reversed(
             targets: Vec::new(),
             target_observations: Vec::new(),
             vehicles: vec![vehicle.clone()],
+            video: None,
         };
         let with = |of: &Estimate, vehicle: &VehicleEstimate| Estimate {
             camera_poses: now.camera_poses.clone(),

@@ -174,6 +174,7 @@ impl Film {
             calibration: Default::default(),
             shutter: Default::default(),
             receivers: Vec::new(),
+            video: None,
             frames: (0..self.frames)
                 .map(|at| Frame { number: at as i64, time_s: at as f64 * STEP_S })
                 .collect(),

@@ -313,6 +313,7 @@ impl Flight {
                 tilt_sigma_rad: TILT_RAD,
             }),
             receivers: receivers.into_iter().collect(),
+            video: None,
         };
         let vehicle = (0..self.frames).map(|frame| drive.pose(frame as f64 * STEP_S)).collect();
         (problem, Truth { vehicle, points, clock_s, readout_s, bias_m })

@@ -2,11 +2,16 @@
 
 use geodesy::prelude::*;
 use nalgebra::{Matrix3, Point3, Vector3};
+use std::sync::Arc;
 
 /// Ellipsoidal height is within this \[m\].
 const HIGHEST_M: f64 = 1e5;
 
+/// A projection reaches a place if it leads there and back to within this \[m\].
+const THERE_AND_BACK_M: f64 = 1e-3;
+
 /// The world of a problem on the Earth.
+#[derive(Clone, Debug)]
 pub enum World {
     /// East, north and up of a plane that touches the ellipsoid below an origin.
     Tangent {
@@ -18,7 +23,7 @@ pub enum World {
     /// Easting, northing and ellipsoidal height, less a shift.
     Grid {
         /// What knows the projection.
-        context: Minimal,
+        context: Arc<Minimal>,
         /// The projection.
         projection: OpHandle,
         /// What is taken off.
@@ -70,7 +75,7 @@ impl World {
         let definition = format!("utm zone={zone}{south} ellps=WGS84");
         let mut context = Minimal::new();
         let projection = context.op(&definition).ok()?;
-        Some(World::Grid { context, projection, shift_m })
+        Some(World::Grid { context: Arc::new(context), projection, shift_m })
     }
 
     /// Where a place is in the world \[m\]; not finite where the projection does not reach it.
@@ -84,6 +89,26 @@ impl World {
                 let done = context.apply(*projection, Fwd, &mut place).is_ok();
                 let [x, y, z] = [0, 1, 2].map(|axis| if done { place[0][axis] } else { f64::NAN });
                 Point3::new(x, y, z) - shift_m
+            }
+        }
+    }
+
+    /// Latitude and longitude \[deg\] of a place in the world \[m\]; `None` where it is not finite or the projection
+    /// does not reach it.
+    pub fn geodetic_deg(&self, place_m: Point3<f64>) -> Option<[f64; 2]> {
+        match self {
+            World::Tangent { origin_ecef_m, enu_from_ecef } => {
+                geodetic_deg(origin_ecef_m + enu_from_ecef.transpose() * place_m.coords)
+            }
+            World::Grid { context, projection, shift_m } => {
+                let on_grid = place_m + shift_m;
+                let mut place = [Coor3D::raw(on_grid.x, on_grid.y, on_grid.z)];
+                context.apply(*projection, Inv, &mut place).ok()?;
+                let ecef_m = wgs84().cartesian(&place[0]);
+                let ecef_m = Point3::new(ecef_m[0], ecef_m[1], ecef_m[2]);
+                // Far from its meridian it turns back on itself.
+                let is_reached = (self.place(ecef_m) - place_m).norm() < THERE_AND_BACK_M;
+                if is_reached { geodetic_deg(ecef_m) } else { None }
             }
         }
     }
@@ -185,6 +210,33 @@ mod tests {
             assert!((place - Point3::new(x, y, 50.0)).norm() < 1e-3, "{b} {l}: {place} {x} {y}");
             let south = World::utm(32, true, Vector3::zeros()).unwrap().place(plain_ecef(-b, l, 57.0));
             assert!((south - Point3::new(x, 1e7 - y, 57.0)).norm() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn places_lead_back_to_the_earth() {
+        let shift_m = Vector3::new(724_000.0, 5_031_000.0, 10.0);
+        for (world, b, l) in [
+            (World::tangent(45.4, 11.9, 57.0).unwrap(), 45.4, 11.9),
+            (World::tangent(-33.9, 151.2, 0.0).unwrap(), -33.9, 151.2),
+            (World::utm(32, false, shift_m).unwrap(), 45.4, 11.9),
+            (World::utm(32, false, Vector3::zeros()).unwrap(), 59.9, 6.3),
+            (World::utm(56, true, Vector3::zeros()).unwrap(), -33.9, 151.2),
+        ] {
+            for (north, east, h) in [(0.0, 0.0, 57.0), (0.01, -0.02, 0.0), (-0.03, 0.01, 300.0)] {
+                let (b, l) = (b + north, l + east);
+                let [latitude, longitude] = world.geodetic_deg(world.place(plain_ecef(b, l, h))).unwrap();
+                assert!(
+                    (latitude - b).abs() < 1e-9 && (longitude - l).abs() < 1e-9,
+                    "{latitude} {longitude}"
+                );
+            }
+            assert!(world.geodetic_deg(Point3::new(f64::NAN, 0.0, 0.0)).is_none());
+            assert!(world.geodetic_deg(Point3::new(0.0, f64::INFINITY, 0.0)).is_none());
+        }
+        let utm = World::utm(32, false, Vector3::zeros()).unwrap();
+        for (x, y) in [(1e8, 5e6), (5e5, 5e7), (2e7, 0.0), (f64::MAX, f64::MAX)] {
+            assert_eq!(utm.geodetic_deg(Point3::new(x, y, 0.0)), None, "{x} {y}");
         }
     }
 

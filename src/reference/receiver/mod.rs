@@ -15,6 +15,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use setting::{Quality, Setting};
 use std::path::Path;
 
+pub use earth::World;
 pub use setting::FILE as SETTING_FILE;
 
 /// Ends of the names of such files.
@@ -40,12 +41,16 @@ struct Epoch {
     quality: Quality,
 }
 
-/// The track of each vehicle that has such a file, with the file.
-pub fn read(
-    problem_folder: &Path,
-    vehicles: &[String],
-    findings: &mut Findings,
-) -> Vec<(String, String, Vec<GnssPosition>)> {
+/// What receivers and their setting tell.
+pub struct Received {
+    /// The track of each vehicle that has such a file, with the file.
+    pub tracks: Vec<(String, String, Vec<GnssPosition>)>,
+    /// Where the world is on the Earth, if there is a setting.
+    pub world: Option<World>,
+}
+
+/// Reads the files of receivers and their setting.
+pub fn read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings) -> Received {
     let mut tracks = Vec::new();
     let is_set = std::fs::symlink_metadata(problem_folder.join(SETTING_FILE)).is_ok();
     let mut setting = is_set.then(|| Setting::read(problem_folder, "the file of a receiver", findings));
@@ -79,7 +84,7 @@ pub fn read(
             tracks.extend(track.map(|track| (vehicle.clone(), file, track)));
         }
     }
-    tracks
+    Received { tracks, world: setting.flatten().map(|setting| setting.world) }
 }
 
 /// Epochs of an accepted quality, in the world of the problem.

@@ -110,7 +110,7 @@ fn read_folder(files: &[(&str, &str)]) -> (Vec<GnssPosition>, Findings) {
         std::fs::write(place.path().join("reference").join(name), text).unwrap();
     }
     let mut findings = Findings::default();
-    let tracks = read(place.path(), &["car1".to_owned()], &mut findings);
+    let tracks = read(place.path(), &["car1".to_owned()], &mut findings).tracks;
     (tracks.into_iter().next().map(|found| found.2).unwrap_or_default(), findings)
 }
 
