@@ -119,7 +119,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         motion: MotionPriors { camera: arguments.camera_motion, vehicle: arguments.vehicle_motion },
     };
     let session = Session::open(output)?;
-    session.begin(|| scene::start(&problem, &initial.estimate));
+    session.begin(|| {
+        let mut drawn = scene::start(&problem, &initial.estimate);
+        drawn.film = scene::film(&problem);
+        drawn
+    });
     let mut told = progress(output.verbose, output.quiet, options.max_iterations);
     let (is_shown, mut stage, mut iterations) = (output.shows()?, "", Vec::new());
     let mut sink = |progress: Progress<'_>| {
@@ -166,6 +170,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     tables.extend(arguments.states.map(|rate_hz| states_table(&problem, estimate, precision, rate_hz)));
     let draw = |report: &Report| {
         let mut drawn = scene::start(&problem, &initial.estimate);
+        // Images would make every result as large as its film.
+        drawn.film = output.rrd.as_ref().and_then(|_| scene::film(&problem));
         scene::add_end(&mut drawn, &problem, estimate, &adjustment.fits, precision);
         drawn.iterations = iterations;
         drawn.summary = report.document();

@@ -101,6 +101,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             .collect(),
     };
     let mut start = scene::start(&problem, &initial.estimate);
+    start.film = scene::film(&problem);
     start.warnings.extend(warnings.iter().chain(&initial.warnings).cloned());
     let shared = Shared {
         folder: &arguments.problem,
@@ -170,6 +171,7 @@ impl Shared<'_> {
             scene.summary += &format!("\n## Against the references\n\n```\n{told}```\n");
         }
         scene.warnings.extend(compared.told());
+        self.locate(&mut scene);
         Some(scene)
     }
 
@@ -178,7 +180,15 @@ impl Shared<'_> {
         let mut scene = self.start.clone();
         scene.summary =
             format!("# {}\n\nFirst estimate, not adjusted: no result is given.\n", self.problem.name);
+        self.locate(&mut scene);
         scene
+    }
+
+    /// Says where on the Earth it is.
+    fn locate(&self, scene: &mut Scene) {
+        if let Some(world) = &self.reference.world {
+            scene::add_map(scene, |place| world.geodetic_deg(place));
+        }
     }
 }
 

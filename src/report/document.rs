@@ -17,17 +17,17 @@ pub fn document(report: &Value) -> String {
             for reason in list(&verdict["reasons"]) {
                 out += &format!("- {}\n", text(reason));
             }
-            out += "\n| | |\n|---|---|\n";
+            out += "\n";
             for fact in list(&verdict["facts"]) {
                 let fact = text(fact);
                 let (word, rest) = fact.split_once(' ').unwrap_or((&fact, ""));
-                out += &format!("| {word} | {rest} |\n");
+                out += &format!("- **{word}** {rest}\n");
             }
         }
     }
     if report["iterations"].is_u64() {
         out += &format!(
-            "| adjusted | {} after {} iterations ({}) |\n| residuals | rms {} px; gross errors {} of {} |\n",
+            "- **adjusted** {} after {} iterations ({})\n- **residuals** rms {} px; gross errors {} of {}\n",
             text(&report["status"]),
             text(&report["iterations"]),
             text(&report["stop"]),
@@ -38,7 +38,7 @@ pub fn document(report: &Value) -> String {
     }
     let scales = list(&report["scales"]);
     if !scales.is_empty() {
-        out += "\n## Scale: what holds it\n\n| vehicle | sigma | without a source |\n|---|---|---|\n";
+        out += "\n## Scale: what holds it\n\n";
     }
     for scale in scales {
         let mut without: Vec<(String, f64)> = entries(&scale["sigma_without"])
@@ -49,15 +49,20 @@ pub fn document(report: &Value) -> String {
             without.iter().map(|(source, sigma)| format!("{source}: {}", percent(*sigma))).collect();
         let sigma = scale["sigma"].as_f64().unwrap_or(f64::INFINITY);
         let vehicle = text(&scale["vehicle"]);
-        out += &format!("| {vehicle} | {} | {} |\n", percent(sigma), without.join("; "));
+        out +=
+            &format!("- **{vehicle}** sigma {}; without a source: {}\n", percent(sigma), without.join("; "));
     }
     let directions = list(&report["observability"]["directions"]);
     if !directions.is_empty() {
-        out += "\n## Datum: what is open or weak\n\n| direction | | held by |\n|---|---|---|\n";
+        out += "\n## Datum: what is open or weak\n\n";
     }
     for direction in directions {
         let class = if direction["class"] == "null" { "open" } else { "weak" };
-        out += &format!("| {} | {class} | {} |\n", text(&direction["name"]), text(&direction["held_by"]));
+        out += &format!("- **{class}** {}", text(&direction["name"]));
+        if let Some(held_by) = direction["held_by"].as_str() {
+            out += &format!(" (held by {held_by})");
+        }
+        out += "\n";
     }
     out
 }
@@ -95,10 +100,10 @@ mod tests {
         let found = document(&report);
         for wanted in [
             "# film\n\n**Can it be trusted? no.**\n\n- nothing determines the scale of car\n",
-            "| datum | 5 of 6 unknowns determined |",
-            "| adjusted | converged after 7 iterations (small) |\n| residuals | rms 1.235 px; gross errors 3 of 100 |",
-            "| car | not determined | survey: not determined; terrain: 1.00 % |",
-            "| scale of car | open | - |",
+            "- **datum** 5 of 6 unknowns determined\n",
+            "- **adjusted** converged after 7 iterations (small)\n- **residuals** rms 1.235 px; gross errors 3 of 100\n",
+            "- **car** sigma not determined; without a source: survey: not determined; terrain: 1.00 %\n",
+            "- **open** scale of car\n",
         ] {
             assert!(found.contains(wanted), "{wanted} is not in\n{found}");
         }

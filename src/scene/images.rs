@@ -33,9 +33,9 @@ impl Judged {
 /// A reason as it stands beside an image point.
 pub fn told(reason: Reason) -> &'static str {
     match reason {
-        Reason::ImagePoint => "by itself",
-        Reason::Track => "its whole track",
-        Reason::Frame => "its whole frame",
+        Reason::ImagePoint => "rejected by itself",
+        Reason::Track => "rejected with its track",
+        Reason::Frame => "rejected with its frame",
         Reason::BehindCamera => "behind the camera",
         Reason::NoCoordinates => "without coordinates",
         Reason::CheckPoint => "check point",

@@ -14,7 +14,7 @@ use crate::diagnose::{Precision, TrackPrecision};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{self, quaternion_wxyz};
 use crate::nlls::minimise::IterationRecord;
-use crate::problem::{Known, Problem, Role, Vehicle};
+use crate::problem::{Known, Problem, Role, Vehicle, Video};
 use crate::refine::Fits;
 use images::{Judged, image_points};
 use trackbundle_viz as viz;
@@ -46,6 +46,14 @@ pub fn start(problem: &Problem, start: &Estimate) -> viz::Scene {
         ground: ground::ground(problem, start),
         ..viz::Scene::default()
     }
+}
+
+/// The film that the problem names.
+pub fn film(problem: &Problem) -> Option<viz::Film> {
+    problem.video.as_ref().map(|video| match video {
+        Video::Images(files) => viz::Film::Images(files.clone()),
+        Video::File { path, offset_s } => viz::Film::Video { file: path.clone(), offset_s: *offset_s },
+    })
 }
 
 /// Adds the end of an adjustment.

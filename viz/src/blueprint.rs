@@ -1,16 +1,30 @@
 //! How the viewer opens: one tab for each layout.
 
+mod send;
+
 use crate::Layout;
+use crate::error::RecordingError;
 use crate::path::{self, below, part};
-use crate::scene::Scene;
+use crate::scene::{Body, Scene};
+use rerun::RecordingStream;
 use rerun::blueprint::{
     BarChartView, Blueprint, BlueprintPanel, ContainerLike, Horizontal, MapView, SelectionPanel,
     Spatial2DView, Spatial3DView, Tabs, TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical,
 };
 use rerun::external::re_sdk_types::blueprint::components::{MapProvider, PanelState, PlayState};
+use send::Eye;
+
+/// From a body one looks from here, in shares of its length: to its left front, from above.
+const BESIDE: [f32; 3] = [-1.1, -1.5, 1.1];
+
+/// Sends the layout of these scenes.
+pub fn send(scenes: &[Scene], top: Layout, stream: &RecordingStream) -> Result<(), RecordingError> {
+    let eyes: Vec<Eye> = scenes.iter().flat_map(|scene| Views(scene).eyes()).collect();
+    send::send(&layout(scenes, top), &eyes, stream)
+}
 
 /// The layout of these scenes; `top` is the tab in front. It opens on the timeline `frame`, paused at the first one.
-pub fn layout(scenes: &[Scene], top: Layout) -> Blueprint {
+fn layout(scenes: &[Scene], top: Layout) -> Blueprint {
     let mut tabs: Vec<(Layout, ContainerLike)> = Vec::new();
     if scenes.len() > 1 {
         tabs.push((Layout::Overview, side_by_side(scenes)));
@@ -39,9 +53,18 @@ fn tabs(views: Vec<ContainerLike>) -> ContainerLike {
     Tabs::new(views).into()
 }
 
-/// Curves of all scenes in one view.
+/// Curves of all scenes in one view. What is the same for all, the start and the reference, is there once.
 fn curves(name: &str, scenes: &[&Scene], path: &str) -> ContainerLike {
-    let contents = scenes.iter().map(|scene| format!("+ /{}/**", below(scene.root.as_deref(), path)));
+    let of_scene = |(at, scene): (usize, &&Scene)| {
+        let root = below(scene.root.as_deref(), path);
+        let again = move |body: &Body| {
+            ["before", "reference"].map(|name| format!("- /{root}/{}/{name}", part(&body.id)))
+        };
+        let others: Vec<String> =
+            if at > 0 { scene.bodies.iter().flat_map(again).collect() } else { Vec::new() };
+        std::iter::once(format!("+ /{}/**", below(scene.root.as_deref(), path))).chain(others)
+    };
+    let contents: Vec<String> = scenes.iter().enumerate().flat_map(of_scene).collect();
     TimeSeriesView::new(name).with_origin("/").with_contents(contents).into()
 }
 
@@ -72,6 +95,21 @@ fn side_by_side(scenes: &[Scene]) -> ContainerLike {
         .into()
 }
 
+/// Names of views.
+const WORLD: &str = "World (before: orange, thin; after: blue, thick)";
+const BEFORE_AND_AFTER: &str = "Before (orange) and after, by sigma";
+const PRECISION: &str = "After, with 95 % ellipsoids";
+const SCAN: &str = "Scan (small) and shape (large), by distance";
+
+/// The longest side of the box around points \[m\].
+fn longest(points_m: &[[f64; 3]]) -> f32 {
+    let span = |axis: usize| {
+        let values = points_m.iter().map(|point| point[axis]);
+        values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
+    };
+    (0..3).map(span).filter(|span| span.is_finite()).fold(1.0, f64::max) as f32
+}
+
 struct Views<'a>(&'a Scene);
 
 impl Views<'_> {
@@ -88,8 +126,52 @@ impl Views<'_> {
     }
 
     fn world(&self) -> ContainerLike {
-        let view = Spatial3DView::new(self.named("World (before: orange, thin; after: blue, thick)"));
+        let view = Spatial3DView::new(self.named(WORLD));
         view.with_origin(self.at(path::WORLD)).with_contents(["+ $origin/**"]).into()
+    }
+
+    /// The world around a body, which it follows; without what is far away.
+    fn around(&self, body: &Body) -> ContainerLike {
+        let view = Spatial3DView::new(self.following(body)).with_origin(self.at(path::WORLD));
+        view.with_contents(["+ $origin/**", "- $origin/camera/**", "- $origin/camera_start/**"]).into()
+    }
+
+    fn following(&self, body: &Body) -> String {
+        self.named(&format!("Following {}", body.id))
+    }
+
+    /// How views in three dimensions are first seen.
+    fn eyes(&self) -> Vec<Eye> {
+        let world = self.at(path::WORLD);
+        let eye = |name: String, look_m: Option<[[f32; 3]; 2]>, follows: Option<String>| Eye {
+            name,
+            origin: world.clone(),
+            look_m,
+            follows,
+        };
+        let mut eyes = vec![eye(self.named(WORLD), None, None)];
+        for body in &self.0.bodies {
+            let length_m = longest(&body.before.points_m);
+            let entity = self.at(&format!("{}/{}/before", path::BODIES, part(&body.id)));
+            let first = body.before.poses.first().map(|(_, pose)| pose.position_m);
+            let look_m = first.map(|place| {
+                let origin_m = self.0.local_origin_m();
+                let at: [f32; 3] = std::array::from_fn(|axis| (place[axis] - origin_m[axis]) as f32);
+                [std::array::from_fn(|axis| at[axis] + 1.5 * length_m * BESIDE[axis]), at]
+            });
+            eyes.push(eye(self.following(body), look_m, Some(entity)));
+            let origin = self.at(&format!("{}/{}", path::SHAPES, part(&body.id)));
+            let from = [length_m * -BESIDE[0], length_m * BESIDE[1], length_m * BESIDE[2]];
+            for name in [BEFORE_AND_AFTER, PRECISION, SCAN] {
+                eyes.push(Eye {
+                    name: name.to_owned(),
+                    origin: origin.clone(),
+                    look_m: Some([from, [0.0, 0.0, 0.15 * length_m]]),
+                    follows: None,
+                });
+            }
+        }
+        eyes
     }
 
     fn summary(&self) -> ContainerLike {
@@ -109,8 +191,15 @@ impl Views<'_> {
             TimeSeriesView::new("Iterations (timeline: iteration)").with_origin(self.at(path::ITERATIONS));
         let mut below_world = curves_of_time(&[self.0]);
         below_world.push(distribution.into());
-        let left = Vertical::new([self.world(), tabs(below_world)]).with_row_shares([3.0_f32, 2.0]);
-        let texts = tabs(vec![self.summary(), legend.into(), log.into(), cost.into(), iterations.into()]);
+        let around = self.0.bodies.first().map(|body| self.around(body));
+        let worlds = Horizontal::new([self.world()].into_iter().chain(around));
+        let left = Vertical::new([worlds.into(), tabs(below_world)]).with_row_shares([3.0_f32, 2.0]);
+        let mut texts = vec![self.summary(), legend.into(), log.into()];
+        // They come later where nothing is adjusted yet.
+        if !self.0.iterations.is_empty() || self.0.camera.after.is_empty() {
+            texts.extend([cost.into(), iterations.into()]);
+        }
+        let texts = tabs(texts);
         let right = Vertical::new([camera.into(), texts]).with_row_shares([1.0_f32, 1.0]);
         Horizontal::new([left.into(), right.into()])
             .with_column_shares([3.0_f32, 2.0])
@@ -127,15 +216,11 @@ impl Views<'_> {
             ContainerLike::from(view.with_contents(contents.iter().copied()))
         };
         let has_scan = self.0.bodies.iter().any(|body| body.id == id && body.scan.is_some());
-        let before = view(
-            "Before (orange) and after, by sigma",
-            &["+ $origin/before", "+ $origin/after", "+ $origin/iteration"],
-        );
-        let precision = view("After, with 95 % ellipsoids", &["+ $origin/precision", "+ $origin/after"]);
+        let before = view(BEFORE_AND_AFTER, &["+ $origin/before", "+ $origin/after", "+ $origin/iteration"]);
+        let precision = view(PRECISION, &["+ $origin/precision", "+ $origin/after"]);
         let legend = TextDocumentView::new("Legend").with_origin(self.at(path::LEGEND)).into();
         let all = if has_scan {
-            let scan =
-                view("Scan (small) and shape (large), by distance", &["+ $origin/scan", "+ $origin/to_scan"]);
+            let scan = view(SCAN, &["+ $origin/scan", "+ $origin/to_scan"]);
             let right = Vertical::new([before, tabs(vec![precision, legend])]);
             Horizontal::new([scan, right.into()]).with_column_shares([3.0_f32, 2.0])
         } else {

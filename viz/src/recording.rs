@@ -26,7 +26,7 @@ use rerun::{
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// The application that recordings belong to; viewers keep one layout for each.
-const APPLICATION: &str = "trackbundle";
+pub const APPLICATION: &str = "trackbundle";
 /// Half the width of lines on the screen.
 const BEFORE_WIDTH: f32 = 0.6;
 const AFTER_WIDTH: f32 = 1.5;
@@ -76,8 +76,7 @@ pub fn begin(stream: &RecordingStream, scenes: &[Scene], layout: Layout) -> Reco
     stream.set_log_time_enabled(false);
     stream.set_log_tick_enabled(false);
     stream.send_recording_name(name(scenes))?;
-    blueprint::layout(scenes, layout).send(stream, Default::default())?;
-    Ok(())
+    blueprint::send(scenes, layout, stream)
 }
 
 /// Sends whole scenes.
