@@ -96,7 +96,7 @@ fn side_by_side(scenes: &[Scene]) -> ContainerLike {
 }
 
 /// Names of views.
-const WORLD: &str = "World (before: orange, thin; after: blue, thick)";
+const WORLD: &str = "World: orange before, blue after";
 const BEFORE_AND_AFTER: &str = "Before (orange) and after, by sigma";
 const PRECISION: &str = "After, with 95 % ellipsoids";
 const SCAN: &str = "Scan (small) and shape (large), by distance";

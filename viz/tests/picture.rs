@@ -49,14 +49,15 @@ impl Picture {
     }
 
     /// How many points of this colour a part of the picture has (left, top, right, bottom, in shares of the whole), and
-    /// where in it their middle is, in shares of the part.
-    fn find(&self, colour: [u8; 3], [left, top, right, bottom]: [f64; 4]) -> (usize, [f64; 2]) {
+    /// where in it their middle is, in shares of the part. Colours are
+    /// matched to so many steps: points are shaded.
+    fn find(&self, colour: [u8; 3], steps: u8, [left, top, right, bottom]: [f64; 4]) -> (usize, [f64; 2]) {
         let [width, height] = self.size.map(|size| size as f64);
         let (mut count, mut sum) = (0, [0.0; 2]);
         for (at, pixel) in self.pixels.iter().enumerate() {
             let place = [(at % self.size[0]) as f64 / width, (at / self.size[0]) as f64 / height];
             let is_inside = (left..right).contains(&place[0]) && (top..bottom).contains(&place[1]);
-            if is_inside && (0..3).all(|k| pixel[k].abs_diff(colour[k]) < 24) {
+            if is_inside && (0..3).all(|k| pixel[k].abs_diff(colour[k]) < steps) {
                 count += 1;
                 sum[0] += (place[0] - left) / (right - left);
                 sum[1] += (place[1] - top) / (bottom - top);
@@ -110,9 +111,11 @@ fn scene() -> Scene {
             before: state(3.0),
             after: state(0.0),
             scan: Some(Scan {
-                points_m: (0..400).map(|k| [0.01 * k as f64 - 2.0, 0.0, 1.0]).collect(),
+                points_m: (0..8000)
+                    .map(|k| [0.0005 * k as f64 - 2.0, 0.02 * (k % 100) as f64 - 1.0, 1.5])
+                    .collect(),
                 // Near on the rear half, far on the front half.
-                distances_m: (0..400).map(|k| if k < 200 { 0.001 } else { 0.5 }).collect(),
+                distances_m: (0..8000).map(|k| if k < 4000 { 0.001 } else { 0.5 }).collect(),
                 shape_distances_m: vec![None; 8],
             }),
             ..Body::default()
@@ -152,19 +155,19 @@ fn the_main_parts_are_where_they_belong() {
         ("observed points", camera, YELLOW, 100),
         ("rejected points", camera, RED, 100),
     ] {
-        let (count, _) = overview.find(colour, part);
+        let (count, _) = overview.find(colour, 24, part);
         assert!(count >= least, "{name}: {count} points of its colour");
     }
-    let (_, observed) = overview.find(YELLOW, camera);
-    let (_, rejected) = overview.find(RED, camera);
+    let (_, observed) = overview.find(YELLOW, 24, camera);
+    let (_, rejected) = overview.find(RED, 24, camera);
     assert!(observed[0] < 0.5 && observed[1] < 0.5, "observed points are in the upper left: {observed:?}");
     assert!(rejected[0] > 0.5 && rejected[1] > 0.5, "rejected points are in the lower right: {rejected:?}");
     // What belongs to shapes is not in the world.
-    assert_eq!(overview.find(VIOLET, world).0, 0);
+    assert_eq!(overview.find(VIOLET, 24, world).0, 0);
 
     let shape = Picture::of(&viewer, &scene(), Layout::Shape, &folder);
     let part = [0.0, 0.1, 0.59, 0.95];
-    let ((near, rear), (far, front)) = (shape.find(BRIGHTEST, part), shape.find(VIOLET, part));
+    let ((near, rear), (far, front)) = (shape.find(BRIGHTEST, 60, part), shape.find(VIOLET, 60, part));
     assert!(near > 200 && far > 200, "points of the scan that are near {near}, far {far}");
     assert!((rear[0] - front[0]).abs() > 0.1, "rear and front are apart: {rear:?} {front:?}");
     std::fs::remove_dir_all(&folder).unwrap();

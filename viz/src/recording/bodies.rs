@@ -4,6 +4,7 @@ use super::{AFTER_WIDTH, BEFORE_WIDTH, Curve, Ellipsoid, Recorded, Recorder, on_
 use crate::colour::{self, Colour};
 use crate::path::{self, part};
 use crate::scene::{Body, Pose, State, TrackPoint, TrackPrecision};
+use rerun::components::FillMode;
 use rerun::{Arrows3D, Boxes3D, Clear, LineStrips3D, Points3D};
 
 /// A body and a state of it.
@@ -78,6 +79,7 @@ impl Recorder<'_> {
             let around = Boxes3D::from_mins_and_sizes([low], [sizes])
                 .with_colors([*colour])
                 .with_radii([on_screen(*width)])
+                .with_fill_mode(FillMode::MajorWireframe)
                 .with_labels([label.as_str()])
                 .with_show_labels(*name == "after");
             self.from_frame(*first, &format!("{entity}/box"), &around)?;

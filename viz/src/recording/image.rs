@@ -44,12 +44,12 @@ impl Recorder<'_> {
 
     /// All observed points, before anything is known of them.
     pub(super) fn observed(&self) -> Recorded {
-        self.image_layer("observed", colour::OBSERVED, 2.0, |p| Some(p.observed_px))
+        self.image_layer(30.0, "observed", colour::OBSERVED, 2.0, |p| Some(p.observed_px))
     }
 
     /// Computed and rejected points, and residuals.
     pub(super) fn image_points(&self) -> Recorded {
-        self.image_layer("computed", colour::AFTER, 1.25, |p| p.computed_px)?;
+        self.image_layer(33.0, "computed", colour::AFTER, 1.25, |p| p.computed_px)?;
         self.rejected()?;
         self.residual_arrows()
     }
@@ -57,7 +57,7 @@ impl Recorder<'_> {
     fn rejected(&self) -> Recorded {
         let is_rejected = |p: &&ImagePoint| p.marking == Marking::Rejected;
         let layer = "rejected";
-        self.image_layer(layer, colour::REJECTED, 2.5, |p| {
+        self.image_layer(32.0, layer, colour::REJECTED, 2.5, |p| {
             (p.marking == Marking::Rejected).then_some(p.observed_px)
         })?;
         let reasons: Vec<Vec<&str>> = self
@@ -94,7 +94,10 @@ impl Recorder<'_> {
             return Ok(());
         }
         let frames: Vec<usize> = (0..per_frame.len()).collect();
-        let style = Arrows2D::update_fields().with_colors([colour::RESIDUAL]).with_radii([on_screen(0.75)]);
+        let style = Arrows2D::update_fields()
+            .with_colors([colour::RESIDUAL])
+            .with_radii([on_screen(0.75)])
+            .with_draw_order(31.0);
         self.stream.log_static(entity.as_str(), &style)?;
         let all = || per_frame.iter().flatten();
         let columns = Arrows2D::update_fields()
@@ -104,8 +107,10 @@ impl Recorder<'_> {
         Ok(self.stream.send_columns(entity.as_str(), self.times(&frames), columns)?)
     }
 
+    /// Points of each frame; those of a higher order lie on top.
     fn image_layer(
         &self,
+        order: f32,
         name: &str,
         colour: Colour,
         radius: f32,
@@ -118,7 +123,10 @@ impl Recorder<'_> {
         if per_frame.iter().all(Vec::is_empty) {
             return Ok(());
         }
-        let style = Points2D::update_fields().with_colors([colour]).with_radii([on_screen(radius)]);
+        let style = Points2D::update_fields()
+            .with_colors([colour])
+            .with_radii([on_screen(radius)])
+            .with_draw_order(order);
         self.stream.log_static(entity.as_str(), &style)?;
         let positions = per_frame.iter().flatten().map(|p| p.map(|v| v as f32));
         let columns = Points2D::update_fields()
