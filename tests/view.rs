@@ -154,6 +154,26 @@ fn a_recording_that_cannot_be_written_costs_no_result() {
     assert!(!nowhere.exists());
 }
 
+/// A disk on which the recording does not fit, but everything else does.
+#[cfg(unix)]
+#[test]
+fn a_disk_too_small_for_the_recording_costs_no_result() {
+    let place = tempfile::tempdir().unwrap();
+    let mut whole = names(&refined(place.path(), "whole"));
+    let result = place.path().join("result");
+    let mut shell = std::process::Command::new("/bin/sh");
+    // No file gets longer than 100 blocks of 512 bytes.
+    shell.args(["-c", "trap '' XFSZ; ulimit -f 100; exec \"$0\" \"$@\""]);
+    shell.arg(assert_cmd::cargo::cargo_bin("trackbundle"));
+    let output = shell.arg("refine").arg(tiny()).arg("--out").arg(&result).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("is complete, but: session.rrd: the recording could not be written"));
+    assert!(whole.remove("session.rrd"));
+    assert_eq!(names(&result), whole);
+    let report = std::fs::read_to_string(result.join("report.json")).unwrap();
+    assert!(report.contains("session.rrd is missing: the recording could not be written"), "{report}");
+}
+
 #[test]
 fn an_address_is_not_taken_for_a_problem() {
     let output = program().args(["view", "--connect"]).arg(tiny()).output().unwrap();

@@ -148,30 +148,34 @@ impl OutputOptions {
         let begin = Instant::now();
         let scene = if self.shows()? { Some(draw(report)) } else { None };
         let staged = Staged::begin(target, Holds::Result)?;
-        let mut unrecorded = None;
-        match (&scene, &self.rrd) {
-            (Some(scene), None) if self.records()? => {
-                let file = staged.path("session.rrd");
-                if let Err(error) = save(std::slice::from_ref(scene), Layout::Overview, &file) {
-                    // Half of one is of no use.
-                    let _ = std::fs::remove_file(&file);
-                    report.warnings.push(format!("session.rrd is missing: {error}"));
-                    unrecorded = Some(format!("session.rrd: {error}"));
-                }
-                report.seconds.insert("recording", begin.elapsed().as_secs_f64());
-            }
-            (None, _) if !self.no_rrd => {
-                report.warnings.push("no recording was written: this build has no Rerun".to_owned());
-            }
-            _ => {}
-        }
         for file in tables {
             staged.write(file).map_err(|error| failed(&error))?;
         }
-        let json = report.to_json();
-        staged
-            .write(&("report.json".to_owned(), json.clone().into_bytes()))
-            .map_err(|error| failed(&error))?;
+        // The largest file comes when the others are there, and goes where the disk is too small for both.
+        let recording = staged.path("session.rrd");
+        let mut saved = Ok(());
+        let recorded = scene.as_ref().filter(|_| !self.no_rrd && self.rrd.is_none());
+        if let Some(scene) = recorded {
+            saved = save(std::slice::from_ref(scene), Layout::Overview, &recording);
+            report.seconds.insert("recording", begin.elapsed().as_secs_f64());
+        } else if scene.is_none() && !self.no_rrd {
+            report.warnings.push("no recording was written: this build has no Rerun".to_owned());
+        }
+        let write_report = |report: &Report| -> Result<String, String> {
+            let json = report.to_json();
+            let written = staged.write(&("report.json".to_owned(), json.clone().into_bytes()));
+            written.map(|()| json).map_err(|error| error.to_string())
+        };
+        let mut json = saved.map_err(|error| error.to_string()).and_then(|()| write_report(report));
+        let mut unrecorded = None;
+        if let (Err(why), Some(_)) = (&json, recorded) {
+            // Half of a recording is of no use.
+            let _ = std::fs::remove_file(&recording);
+            report.warnings.push(format!("session.rrd is missing: {why}"));
+            unrecorded = Some(format!("session.rrd: {why}"));
+            json = write_report(report);
+        }
+        let json = json.map_err(|error| failed(&error))?;
         let folder = staged.publish().map_err(|error| failed(&error))?;
         if let (Some(scene), Some(file)) = (&scene, &self.rrd) {
             unrecorded = save_whole(std::slice::from_ref(scene), Layout::Overview, file).err();
