@@ -14,8 +14,10 @@ use rerun::blueprint::{
 use rerun::external::re_sdk_types::blueprint::components::{MapProvider, PanelState, PlayState};
 use send::Eye;
 
-/// From a body one looks from here, in shares of its length: to its left front, from above.
-const BESIDE: [f32; 3] = [-1.1, -1.5, 1.1];
+/// From a body one looks from here, in shares of its length: from its left, from above.
+const BESIDE: [f32; 3] = [-0.6, -0.85, 0.6];
+/// ... and from farther away where it drives.
+const AWAY: f32 = 2.5;
 
 /// Sends the layout of these scenes.
 pub fn send(scenes: &[Scene], top: Layout, stream: &RecordingStream) -> Result<(), RecordingError> {
@@ -157,7 +159,7 @@ impl Views<'_> {
             let look_m = first.map(|place| {
                 let origin_m = self.0.local_origin_m();
                 let at: [f32; 3] = std::array::from_fn(|axis| (place[axis] - origin_m[axis]) as f32);
-                [std::array::from_fn(|axis| at[axis] + 1.5 * length_m * BESIDE[axis]), at]
+                [std::array::from_fn(|axis| at[axis] + AWAY * length_m * BESIDE[axis]), at]
             });
             eyes.push(eye(self.following(body), look_m, Some(entity)));
             let origin = self.at(&format!("{}/{}", path::SHAPES, part(&body.id)));
@@ -179,7 +181,7 @@ impl Views<'_> {
     }
 
     fn overview(&self) -> ContainerLike {
-        let camera = Spatial2DView::new("Camera: observed yellow, computed blue, residuals x 20 white")
+        let camera = Spatial2DView::new("Camera, residuals x 20")
             .with_origin(self.at(path::IMAGE))
             .with_contents(["+ $origin/**"]);
         let distribution = BarChartView::new("Residuals: how many of which size [px]")
@@ -219,14 +221,14 @@ impl Views<'_> {
         let before = view(BEFORE_AND_AFTER, &["+ $origin/before", "+ $origin/after", "+ $origin/iteration"]);
         let precision = view(PRECISION, &["+ $origin/precision", "+ $origin/after"]);
         let legend = TextDocumentView::new("Legend").with_origin(self.at(path::LEGEND)).into();
-        let all = if has_scan {
-            let scan = view(SCAN, &["+ $origin/scan", "+ $origin/to_scan"]);
-            let right = Vertical::new([before, tabs(vec![precision, legend])]);
-            Horizontal::new([scan, right.into()]).with_column_shares([3.0_f32, 2.0])
+        // What is compared with most interest is on the left.
+        let (left, mut right) = if has_scan {
+            (view(SCAN, &["+ $origin/scan", "+ $origin/to_scan"]), vec![before, precision])
         } else {
-            Horizontal::new([before, Vertical::new([precision, legend]).into()])
-                .with_column_shares([3.0_f32, 2.0])
+            (before, vec![precision])
         };
+        right.push(legend);
+        let all = Horizontal::new([left, Vertical::new(right).into()]).with_column_shares([3.0_f32, 2.0]);
         all.with_name(self.named(&format!("Shape of {id}"))).into()
     }
 

@@ -21,6 +21,8 @@ pub const BAND: Colour = 0xCCCC_CCFF;
 /// Lines of the ground, and the ground between them.
 pub const GROUND: Colour = 0xB08D_57FF;
 pub const GROUND_BETWEEN: Colour = 0x3A33_2AFF;
+/// Behind everything in three dimensions.
+pub const BACKGROUND: Colour = 0x1419_1FFF;
 pub const ELLIPSOID: Colour = 0xFFFF_FFFF;
 /// Three axes that differ in brightness.
 pub const AXES: [Colour; 3] = [0xD55E_00FF, 0x56B4_E9FF, 0xF0E4_42FF];

@@ -19,6 +19,7 @@ use crate::error::RecordingError;
 use crate::path;
 use crate::scene::{Pose, Scene, TrackPrecision};
 use crate::{Layout, blueprint};
+use rerun::components::FillMode;
 use rerun::{
     AsComponents, Ellipsoids3D, LineStrips3D, Quaternion, RecordingStream, RecordingStreamBuilder,
     RecordingStreamError, Scalars, SerializationError, SeriesLines, TimeColumn, Transform3D,
@@ -234,7 +235,8 @@ impl<'a> Recorder<'a> {
         let drawn = Ellipsoids3D::from_centers_and_half_sizes(known.iter().map(|e| e.centre), half_sizes)
             .with_quaternions(known.iter().map(turn))
             .with_colors([colour])
-            .with_line_radii([on_screen(0.5)]);
+            .with_fill_mode(FillMode::MajorWireframe)
+            .with_line_radii([on_screen(0.4)]);
         self.fixed(entity, &drawn)
     }
 

@@ -1,12 +1,14 @@
 //! A layout on its way to a stream, with properties of views that the library has types for but no way to set: it
 //! is caught, and they are added beside their views.
 
+use crate::colour;
 use crate::error::RecordingError;
 use crate::recording::APPLICATION;
 use rerun::blueprint::Blueprint;
 use rerun::external::arrow::array::{Array, AsArray};
 use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, TimePoint, Timeline};
-use rerun::external::re_sdk_types::blueprint::archetypes::{EyeControls3D, LineGrid3D};
+use rerun::external::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D, LineGrid3D};
+use rerun::external::re_sdk_types::blueprint::components::BackgroundKind;
 use rerun::log::{Chunk, RowId};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
@@ -22,7 +24,8 @@ pub struct Eye {
     pub follows: Option<String>,
 }
 
-/// Sends a layout with these eyes. None of their views has a grid of its own beside what is recorded.
+/// Sends a layout with these eyes. Their views have one dark background, and no grid beside what is
+/// recorded.
 pub fn send(layout: &Blueprint, eyes: &[Eye], stream: &RecordingStream) -> Result<(), RecordingError> {
     let failed = |error: &dyn std::fmt::Display| RecordingError::Encoding(error.to_string());
     let (catcher, caught) = RecordingStreamBuilder::new(APPLICATION).enabled(true).memory()?;
@@ -89,6 +92,11 @@ impl Eye {
             controls = controls.with_tracking_entity(entity.as_str());
         }
         let grid = LineGrid3D::new().with_visible(false);
-        vec![("EyeControls3D", Box::new(controls)), ("LineGrid3D", Box::new(grid))]
+        let background = Background::new(BackgroundKind::SolidColor).with_color(colour::BACKGROUND);
+        vec![
+            ("EyeControls3D", Box::new(controls)),
+            ("LineGrid3D", Box::new(grid)),
+            ("Background", Box::new(background)),
+        ]
     }
 }

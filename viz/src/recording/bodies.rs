@@ -1,11 +1,14 @@
 //! Bodies that move, their shapes and tracks, and what these are compared with.
 
-use super::{AFTER_WIDTH, BEFORE_WIDTH, Curve, Ellipsoid, Recorded, Recorder, on_screen};
+use super::{AFTER_WIDTH, BEFORE_WIDTH, Curve, Ellipsoid, NORMAL_95, Recorded, Recorder, on_screen};
 use crate::colour::{self, Colour};
 use crate::path::{self, part};
 use crate::scene::{Body, Pose, State, TrackPoint, TrackPrecision};
 use rerun::components::FillMode;
 use rerun::{Arrows3D, Boxes3D, Clear, LineStrips3D, Points3D};
+
+/// Ellipsoids of shape points that are longer would hide all others; such points have the colour of poor ones \[m\].
+const LONGEST_M: f64 = 1.0;
 
 /// A body and a state of it.
 struct Drawn<'a> {
@@ -43,7 +46,8 @@ impl Recorder<'_> {
         let id = part(&body.id);
         let ellipsoids =
             body.after.points_m.iter().zip(&body.after.sigmas_m).filter_map(|(centre, sigma)| {
-                Some(Ellipsoid { centre: centre.map(|v| v as f32), sigma_m: (*sigma)?, turn_rad: 0.0 })
+                let sigma_m = sigma.filter(|sigma| sigma.iter().all(|s| NORMAL_95 * s <= LONGEST_M))?;
+                Some(Ellipsoid { centre: centre.map(|v| v as f32), sigma_m, turn_rad: 0.0 })
             });
         self.ellipsoids(&format!("{}/{id}/precision", path::SHAPES), ellipsoids, colour::ELLIPSOID)?;
         let due = self.each_second(body.after.track.iter().map(|place| place.frame));
@@ -71,7 +75,7 @@ impl Recorder<'_> {
         };
         let shape =
             |radius_m: f32| Points3D::new(points.clone()).with_colors(colours.clone()).with_radii([radius_m]);
-        self.fixed(&format!("{}/{}/{name}", path::SHAPES, part(id)), &shape(0.6 * radius_m))?;
+        self.fixed(&format!("{}/{}/{name}", path::SHAPES, part(id)), &shape(on_screen(width + 0.75)))?;
         self.from_frame(*first, &format!("{entity}/shape"), &shape(*radius_m))?;
         if let Some(Bounds { low, high }) = Bounds::of(&points) {
             let sizes: [f32; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);

@@ -13,8 +13,8 @@ fn scene() -> Scene {
         quaternion_wxyz: [0.0, 1.0, 0.0, 0.0],
     };
     let state = || State {
-        points_m: vec![[1.0, 0.0, 1.5], [-1.0, 0.0, 1.5]],
-        sigmas_m: vec![Some([0.01, 0.03, 0.015]), Some([0.01, f64::INFINITY, 0.01])],
+        points_m: vec![[1.0, 0.0, 1.5], [-1.0, 0.0, 1.5], [0.0, 0.0, 1.5]],
+        sigmas_m: vec![Some([0.01, 0.03, 0.015]), Some([0.01, f64::INFINITY, 0.01]), Some([0.4, 0.01, 0.01])],
         poses: vec![(0, pose(1.0))],
         track: vec![TrackPoint {
             frame: 0,
