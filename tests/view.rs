@@ -46,7 +46,7 @@ fn a_problem_and_its_results_are_recorded() {
     let (one, two) = (refined(place.path(), "one"), refined(place.path(), "two"));
     let file = place.path().join("seen.rrd");
     let mut lengths = Vec::new();
-    for results in [&[][..], &[one.clone()], &[one.clone(), two]] {
+    for results in [&[][..], std::slice::from_ref(&one), &[one.clone(), two.clone()]] {
         program().arg("view").arg(tiny()).args(results).arg("--rrd").arg(&file).assert().success();
         assert!(is_recording(&file));
         lengths.push(std::fs::metadata(&file).unwrap().len());

@@ -164,7 +164,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Logs something that is there from a frame on.
-    fn from_frame(&self, frame: usize, entity: &str, what: &impl AsComponents) -> Recorded {
+    fn appear(&self, frame: usize, entity: &str, what: &impl AsComponents) -> Recorded {
         let frame = self.scene.frames[frame];
         self.stream.set_time_sequence("frame", frame.number);
         self.stream.set_duration_secs("time", frame.time_s);

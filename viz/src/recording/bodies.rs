@@ -76,7 +76,7 @@ impl Recorder<'_> {
         let shape =
             |radius_m: f32| Points3D::new(points.clone()).with_colors(colours.clone()).with_radii([radius_m]);
         self.fixed(&format!("{}/{}/{name}", path::SHAPES, part(id)), &shape(on_screen(width + 0.75)))?;
-        self.from_frame(*first, &format!("{entity}/shape"), &shape(*radius_m))?;
+        self.appear(*first, &format!("{entity}/shape"), &shape(*radius_m))?;
         if let Some(Bounds { low, high }) = Bounds::of(&points) {
             let sizes: [f32; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
             let label = format!("{id} {name}");
@@ -86,16 +86,16 @@ impl Recorder<'_> {
                 .with_fill_mode(FillMode::MajorWireframe)
                 .with_labels([label.as_str()])
                 .with_show_labels(*name == "after");
-            self.from_frame(*first, &format!("{entity}/box"), &around)?;
+            self.appear(*first, &format!("{entity}/box"), &around)?;
             let middle = [(low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0, high[2]];
             let ahead = Arrows3D::from_vectors([[0.75 * sizes[0].max(1.0), 0.0, 0.0]])
                 .with_origins([middle])
                 .with_colors([*colour])
                 .with_radii([on_screen(*width)]);
-            self.from_frame(*first, &format!("{entity}/heading"), &ahead)?;
+            self.appear(*first, &format!("{entity}/heading"), &ahead)?;
         }
         if last + 1 < self.scene.frames.len() {
-            self.from_frame(last + 1, &entity, &Clear::recursive())?;
+            self.appear(last + 1, &entity, &Clear::recursive())?;
         }
         let track = state.track.iter().map(|t| t.position_m);
         let strip = format!("{}/{}/{name}", path::PATHS, part(id));
@@ -135,7 +135,7 @@ impl Recorder<'_> {
         self.stream.send_columns(entity.as_str(), self.times(&frames), columns)?;
         let last = frames.iter().max().copied().unwrap_or_default();
         if last + 1 < self.scene.frames.len() {
-            self.from_frame(last + 1, &format!("world/velocity/{}", part(drawn.id)), &Clear::flat())?;
+            self.appear(last + 1, &format!("world/velocity/{}", part(drawn.id)), &Clear::flat())?;
         }
         Ok(())
     }

@@ -25,7 +25,7 @@ impl Recorder<'_> {
                 for (frame, file) in files.iter().enumerate() {
                     let Some(file) = file else { continue };
                     let image = EncodedImage::from_file(file).map_err(|error| failed(file, error))?;
-                    self.from_frame(frame, &entity, &image)?;
+                    self.appear(frame, &entity, &image)?;
                 }
                 Ok(())
             }
