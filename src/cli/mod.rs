@@ -50,7 +50,7 @@ enum Command {
     Refine(refine::Arguments),
     /// Compare a result with the GNSS tracks and scans of reference/, which are never adjusted to.
     Evaluate(evaluate::Arguments),
-    /// Show a problem and its results in the Rerun viewer, with what they are compared with.
+    /// Show a problem, its results and its references in the Rerun viewer.
     View(view::Arguments),
     /// Print completions for a shell: source <(trackbundle completions bash)
     Completions {

@@ -52,11 +52,12 @@ pub struct OutputOptions {
 /// A session that is seen while the command runs.
 #[derive(Debug, Args)]
 pub struct ViewerOptions {
-    /// Show it in the Rerun viewer, which is started unless one listens on this machine
+    /// Show it in the Rerun viewer, which is started unless one already listens on this machine (refine: live,
+    /// iteration by iteration; view: the default without --rrd and --connect)
     #[arg(long, conflicts_with = "connect")]
     spawn: bool,
 
-    /// Show it in a Rerun viewer that runs, by default on this machine
+    /// Show it in a Rerun viewer that is already running [default URL: rerun+http://127.0.0.1:9876/proxy]
     #[arg(
         long,
         value_name = "URL",

@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Result folders; several are shown side by side [default: <PROBLEM>-result where that is there]
     results: Vec<PathBuf>,
 
-    /// Write the recording to this file; an older recording there is replaced, nothing else is
+    /// Write the recording to this file; replaces an older recording and no other file
     #[arg(long, value_name = "FILE")]
     rrd: Option<PathBuf>,
 
@@ -42,8 +42,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Top::Overview)]
     layout: Top,
 
-    /// Offset of the receiver's clock, t_reference = t_video + offset: seconds, or estimate to apply what
-    /// the tracks themselves say
+    /// Offset of the receiver's clock, t_reference = t_video + offset: seconds, or estimate to take it from
+    /// the tracks themselves
     #[arg(
         long,
         value_name = "SECONDS|estimate",
@@ -64,7 +64,7 @@ enum Top {
     Overview,
     /// The shape of a vehicle, against its scan
     Shape,
-    /// Tracks on a map, where reference/reference.toml says where on the Earth the world is
+    /// Tracks on a map; only where reference/reference.toml says where on the Earth the world is
     Map,
 }
 
@@ -132,6 +132,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Top::Shape => Layout::Shape,
         Top::Map => Layout::Map,
     };
+    if matches!(layout, Layout::Map) && reference.world.is_none() && !arguments.quiet {
+        let missing = "no map: reference/reference.toml does not say where on the Earth the world is";
+        warn_all(&[missing.to_owned()]);
+    }
     if let Some(file) = &arguments.rrd {
         save_whole(&scenes, layout, file).map_err(Failure::Other)?;
     }
@@ -170,7 +174,9 @@ impl Shared<'_> {
             let told = describe(&compared.evaluation, &self.options);
             scene.summary += &format!("\n## Against the references\n\n```\n{told}```\n");
         }
-        scene.warnings.extend(compared.told());
+        if !self.reference.tracks.is_empty() || !self.reference.scans.is_empty() {
+            scene.warnings.extend(compared.told());
+        }
         self.locate(&mut scene);
         Some(scene)
     }

@@ -186,6 +186,11 @@ impl Verdict {
                 "sigma0^2 {:.3} from redundancy {:.0}; in 95 % of cases {:.3} to {:.3}",
                 test.variance, test.redundancy, test.interval[0], test.interval[1]
             );
+            if test.variance < test.interval[0] {
+                text += " (below: less scatter than stated; standard deviations go by what was found)";
+            } else if test.variance > test.interval[1] {
+                text += " (above: more scatter than stated, or something is not modelled)";
+            }
             let odd: Vec<String> = statistics
                 .components
                 .iter()

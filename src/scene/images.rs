@@ -33,9 +33,9 @@ impl Judged {
 /// A reason as it stands beside an image point.
 pub fn told(reason: Reason) -> &'static str {
     match reason {
-        Reason::ImagePoint => "rejected by itself",
-        Reason::Track => "rejected with its track",
-        Reason::Frame => "rejected with its frame",
+        Reason::ImagePoint => "rejected alone",
+        Reason::Track => "rejected with its whole track",
+        Reason::Frame => "rejected with its whole frame",
         Reason::BehindCamera => "behind the camera",
         Reason::NoCoordinates => "without coordinates",
         Reason::CheckPoint => "check point",

@@ -160,9 +160,9 @@ mod tests {
         let judged = Residuals::new(&rows);
         let reason = |frame: i64, point: &str| judged.of(frame, Some("car"), point).rejected;
         assert_eq!([reason(0, "a"), reason(2, "a")], [None, None]);
-        assert_eq!(reason(0, "b"), Some("rejected with its track"));
-        assert_eq!(reason(0, "c"), Some("rejected by itself"));
-        assert_eq!([reason(1, "a"), reason(1, "c")], [Some("rejected with its frame"); 2]);
+        assert_eq!(reason(0, "b"), Some("rejected with its whole track"));
+        assert_eq!(reason(0, "c"), Some("rejected alone"));
+        assert_eq!([reason(1, "a"), reason(1, "c")], [Some("rejected with its whole frame"); 2]);
         let unknown = judged.of(7, Some("car"), "a");
         assert!(unknown.residual_px.is_none() && !unknown.took_part && unknown.rejected.is_none());
         assert!(judged.of(2, Some("car"), "a").took_part);

@@ -99,17 +99,20 @@ fn side_by_side(scenes: &[Scene]) -> ContainerLike {
 
 /// Names of views.
 const WORLD: &str = "World: orange before, blue after";
-const BEFORE_AND_AFTER: &str = "Before (orange) and after, by sigma";
+const BEFORE_AND_AFTER: &str = "Before (orange); after by sigma";
 const PRECISION: &str = "After, with 95 % ellipsoids";
-const SCAN: &str = "Scan (small) and shape (large), by distance";
+const SCAN: &str = "Shape (large) and scan (small), by distance";
 
-/// The longest side of the box around points \[m\].
-fn longest(points_m: &[[f64; 3]]) -> f32 {
-    let span = |axis: usize| {
+/// The diagonal of the box around points, at least a metre, and its middle \[m\].
+fn extent(points_m: &[[f64; 3]]) -> (f32, [f32; 3]) {
+    let sides = [0, 1, 2].map(|axis| {
         let values = points_m.iter().map(|point| point[axis]);
-        values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
-    };
-    (0..3).map(span).filter(|span| span.is_finite()).fold(1.0, f64::max) as f32
+        let (low, high) =
+            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        if low <= high { [low, high] } else { [0.0, 0.0] }
+    });
+    let diagonal_m = sides.iter().map(|[low, high]| (high - low).powi(2)).sum::<f64>().sqrt();
+    (diagonal_m.max(1.0) as f32, sides.map(|[low, high]| ((low + high) / 2.0) as f32))
 }
 
 struct Views<'a>(&'a Scene);
@@ -153,7 +156,7 @@ impl Views<'_> {
         };
         let mut eyes = vec![eye(self.named(WORLD), None, None)];
         for body in &self.0.bodies {
-            let length_m = longest(&body.before.points_m);
+            let (length_m, middle) = extent(&body.before.points_m);
             let entity = self.at(&format!("{}/{}/before", path::BODIES, part(&body.id)));
             let first = body.before.poses.first().map(|(_, pose)| pose.position_m);
             let look_m = first.map(|place| {
@@ -163,12 +166,13 @@ impl Views<'_> {
             });
             eyes.push(eye(self.following(body), look_m, Some(entity)));
             let origin = self.at(&format!("{}/{}", path::SHAPES, part(&body.id)));
-            let from = [length_m * -BESIDE[0], length_m * BESIDE[1], length_m * BESIDE[2]];
+            let from =
+                [0, 1, 2].map(|axis| middle[axis] + length_m * [-BESIDE[0], BESIDE[1], BESIDE[2]][axis]);
             for name in [BEFORE_AND_AFTER, PRECISION, SCAN] {
                 eyes.push(Eye {
                     name: name.to_owned(),
                     origin: origin.clone(),
-                    look_m: Some([from, [0.0, 0.0, 0.15 * length_m]]),
+                    look_m: Some([from, middle]),
                     follows: None,
                 });
             }
@@ -181,7 +185,7 @@ impl Views<'_> {
     }
 
     fn overview(&self) -> ContainerLike {
-        let camera = Spatial2DView::new("Camera, residuals x 20")
+        let camera = Spatial2DView::new("Camera: residuals x 20 [px]")
             .with_origin(self.at(path::IMAGE))
             .with_contents(["+ $origin/**"]);
         let distribution = BarChartView::new("Residuals: how many of which size [px]")
@@ -220,7 +224,7 @@ impl Views<'_> {
         let has_scan = self.0.bodies.iter().any(|body| body.id == id && body.scan.is_some());
         let before = view(BEFORE_AND_AFTER, &["+ $origin/before", "+ $origin/after", "+ $origin/iteration"]);
         let precision = view(PRECISION, &["+ $origin/precision", "+ $origin/after"]);
-        let legend = TextDocumentView::new("Legend").with_origin(self.at(path::LEGEND)).into();
+        let legend = TextDocumentView::new("Legend").with_origin(self.at(path::SHAPE_LEGEND)).into();
         // What is compared with most interest is on the left.
         let (left, mut right) = if has_scan {
             (view(SCAN, &["+ $origin/scan", "+ $origin/to_scan"]), vec![before, precision])

@@ -1,8 +1,8 @@
-//! Colours that differ in brightness too (after Okabe and Ito).
+//! Colours, after Okabe and Ito: what is compared differs in brightness too.
 
 /// Red, green, blue, opacity.
 pub type Colour = u32;
-pub const BEFORE: Colour = 0xE69F_00FF;
+pub const BEFORE: Colour = 0xC87F_00FF;
 pub const AFTER: Colour = 0x56B4_E9FF;
 pub const CONTROL: Colour = 0x009E_73FF;
 pub const CHECK: Colour = 0xCC79_A7FF;
@@ -32,9 +32,9 @@ pub const SCENES: [Colour; 4] = [AFTER, 0xD55E_00FF, 0xF0E4_42FF, 0x009E_73FF];
 /// Upper limits of the classes of standard deviations and distances \[m\], and their colours from bright and good to
 /// dark and poor (viridis, its end lightened for a dark background); grey where nothing determines it.
 const CLASSES: [(f64, Colour); 4] =
-    [(0.01, 0xFDE7_25FF), (0.02, 0x5EC9_62FF), (0.05, 0x2191_8CFF), (0.10, 0x3B52_8BFF)];
-const POOR: Colour = 0x8A5B_B5FF;
-const OPEN: Colour = 0x7777_77FF;
+    [(0.01, 0xFDE7_25FF), (0.02, 0x5EC9_62FF), (0.05, 0x2191_8CFF), (0.10, 0x3E6F_B5FF)];
+const POOR: Colour = 0x7B3F_9EFF;
+const OPEN: Colour = 0x5555_55FF;
 
 /// The colour of a point with these standard deviations \[m\], by the largest of them.
 pub fn of_sigma(sigma_m: [f64; 3]) -> Colour {

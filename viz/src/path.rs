@@ -40,6 +40,8 @@ pub const COST_BARS: &str = "plots/cost";
 pub const SUMMARY: &str = "text/summary";
 /// What colours and signs mean.
 pub const LEGEND: &str = "text/legend";
+/// The same of shapes.
+pub const SHAPE_LEGEND: &str = "text/shape_legend";
 /// Stages of the adjustment and warnings.
 pub const LOG: &str = "text/log";
 

@@ -123,7 +123,7 @@ impl<'a> Recorder<'a> {
             self.body_before(body)?;
         }
         self.observed()?;
-        self.legend()
+        self.legends()
     }
 
     /// What is known after it.
@@ -222,8 +222,21 @@ impl<'a> Recorder<'a> {
         ellipsoids: impl Iterator<Item = Ellipsoid>,
         colour: Colour,
     ) -> Recorded {
-        let is_known = |e: &Ellipsoid| e.sigma_m.iter().all(|s| s.is_finite()) && e.sigma_m != [0.0; 3];
-        let known: Vec<Ellipsoid> = ellipsoids.filter(is_known).collect();
+        let ellipsoids: Vec<Ellipsoid> = ellipsoids.collect();
+        let colours = vec![colour; ellipsoids.len()];
+        self.coloured_ellipsoids(entity, ellipsoids, colours)
+    }
+
+    fn coloured_ellipsoids(
+        &self,
+        entity: &str,
+        ellipsoids: Vec<Ellipsoid>,
+        colours: Vec<Colour>,
+    ) -> Recorded {
+        let is_known =
+            |(e, _): &(Ellipsoid, Colour)| e.sigma_m.iter().all(|s| s.is_finite()) && e.sigma_m != [0.0; 3];
+        let (known, colours): (Vec<Ellipsoid>, Vec<Colour>) =
+            ellipsoids.into_iter().zip(colours).filter(is_known).unzip();
         if known.is_empty() {
             return Ok(());
         }
@@ -234,9 +247,9 @@ impl<'a> Recorder<'a> {
         };
         let drawn = Ellipsoids3D::from_centers_and_half_sizes(known.iter().map(|e| e.centre), half_sizes)
             .with_quaternions(known.iter().map(turn))
-            .with_colors([colour])
+            .with_colors(colours)
             .with_fill_mode(FillMode::MajorWireframe)
-            .with_line_radii([on_screen(0.4)]);
+            .with_line_radii([on_screen(0.3)]);
         self.fixed(entity, &drawn)
     }
 

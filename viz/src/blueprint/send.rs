@@ -7,8 +7,10 @@ use crate::recording::APPLICATION;
 use rerun::blueprint::Blueprint;
 use rerun::external::arrow::array::{Array, AsArray};
 use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, TimePoint, Timeline};
-use rerun::external::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D, LineGrid3D};
-use rerun::external::re_sdk_types::blueprint::components::BackgroundKind;
+use rerun::external::re_sdk_types::blueprint::archetypes::{
+    Background, EyeControls3D, LineGrid3D, PlotLegend,
+};
+use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, Corner2D};
 use rerun::log::{Chunk, RowId};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
@@ -44,8 +46,11 @@ pub fn send(layout: &Blueprint, eyes: &[Eye], stream: &RecordingStream) -> Resul
                     name.as_deref() == Some(&eye.name)
                         && origin.as_deref().map(trimmed) == Some(trimmed(&eye.origin))
                 };
-                if let (Some(eye), Some(id)) = (eyes.iter().find(is_its), &store) {
-                    for (property, archetype) in eye.properties() {
+                let of_eye = eyes.iter().find(is_its).map(Eye::properties);
+                let class = text(&chunk, "class_identifier");
+                let of_curves = (class.as_deref() == Some("TimeSeries")).then(curve_properties);
+                if let (Some(properties), Some(id)) = (of_eye.or(of_curves), &store) {
+                    for (property, archetype) in properties {
                         let entity = format!("{}/{property}", chunk.entity_path());
                         let time = TimePoint::from([(Timeline::new_sequence("blueprint"), 0)]);
                         let chunk = Chunk::builder(entity)
@@ -82,8 +87,16 @@ fn text(chunk: &Chunk, component: &str) -> Option<String> {
     (texts.len() > 0).then(|| texts.value(0).to_owned())
 }
 
+/// Names and values of properties of a view.
+type Properties = Vec<(&'static str, Box<dyn AsComponents>)>;
+
+/// The legend of curves is where the film ends: it opens at its beginning.
+fn curve_properties() -> Properties {
+    vec![("PlotLegend", Box::new(PlotLegend::new().with_corner(Corner2D::RightBottom)))]
+}
+
 impl Eye {
-    fn properties(&self) -> Vec<(&'static str, Box<dyn AsComponents>)> {
+    fn properties(&self) -> Properties {
         let mut controls = EyeControls3D::new();
         if let Some([from, to]) = self.look_m {
             controls = controls.with_position(from).with_look_target(to).with_eye_up([0.0, 0.0, 1.0]);

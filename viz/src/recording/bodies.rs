@@ -49,7 +49,13 @@ impl Recorder<'_> {
                 let sigma_m = sigma.filter(|sigma| sigma.iter().all(|s| NORMAL_95 * s <= LONGEST_M))?;
                 Some(Ellipsoid { centre: centre.map(|v| v as f32), sigma_m, turn_rad: 0.0 })
             });
-        self.ellipsoids(&format!("{}/{id}/precision", path::SHAPES), ellipsoids, colour::ELLIPSOID)?;
+        let (ellipsoids, colours): (Vec<Ellipsoid>, Vec<Colour>) = ellipsoids
+            .map(|found| {
+                let colour = colour::of_sigma(found.sigma_m);
+                (found, colour)
+            })
+            .unzip();
+        self.coloured_ellipsoids(&format!("{}/{id}/precision", path::SHAPES), ellipsoids, colours)?;
         let due = self.each_second(body.after.track.iter().map(|place| place.frame));
         let picked = body.after.track.iter().zip(due).filter(|(_, is_due)| *is_due);
         let of_track = picked.filter_map(|(place, _)| {
@@ -85,7 +91,7 @@ impl Recorder<'_> {
                 .with_radii([on_screen(*width)])
                 .with_fill_mode(FillMode::MajorWireframe)
                 .with_labels([label.as_str()])
-                .with_show_labels(*name == "after");
+                .with_show_labels(true);
             self.appear(*first, &format!("{entity}/box"), &around)?;
             let middle = [(low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0, high[2]];
             let ahead = Arrows3D::from_vectors([[0.75 * sizes[0].max(1.0), 0.0, 0.0]])
@@ -156,7 +162,8 @@ impl Recorder<'_> {
             let speeds = known(&|t, precision| Some(t.speed_mps? + sign * precision.sigma_speed_mps?));
             let headings = known(&|t, precision| Some(t.heading_deg + sign * precision.sigma_heading_deg));
             for (root, values) in [(path::SPEED, speeds), (path::HEADING, headings)] {
-                let curve = Curve::new(format!("{id} {end} 2 sigma"), colour::BAND, 0.75);
+                // Curves of one name are one in the legend.
+                let curve = Curve::new(format!("{id} +- 2 sigma"), colour::BAND, 0.75);
                 self.curve(&format!("{root}/{}/after_{end}", part(id)), &curve, values.into_iter())?;
             }
         }
@@ -227,7 +234,8 @@ impl Recorder<'_> {
                     let sigma_m = track(place.frame)?.sigma_m[axis].hypot(place.sigma_m?[axis]);
                     Some((place.frame, sign * sigma_m))
                 });
-                let curve = Curve::new(format!("{} {letter} 2 sigma of both", body.id), colour::BAND, 0.75);
+                let curve =
+                    Curve::new(format!("{} {letter} +- 2 sigma of both", body.id), colour::BAND, 0.75);
                 self.curve(&format!("{root}/{letter}_{end}"), &curve, bound)?;
             }
         }
@@ -235,22 +243,24 @@ impl Recorder<'_> {
     }
 }
 
-/// The box around points.
+/// The box around points but the outermost on each side, which may be far off.
 struct Bounds {
     low: [f32; 3],
     high: [f32; 3],
 }
 
+/// Of so many points one on each side of the box is left out.
+const POINTS_PER_OUTLIER: usize = 40;
+
 impl Bounds {
     fn of(points: &[[f32; 3]]) -> Option<Self> {
-        let first = *points.first()?;
-        let mut bounds = Bounds { low: first, high: first };
-        for point in points {
-            for axis in 0..3 {
-                bounds.low[axis] = bounds.low[axis].min(point[axis]);
-                bounds.high[axis] = bounds.high[axis].max(point[axis]);
-            }
-        }
-        Some(bounds)
+        let left_out = points.len() / POINTS_PER_OUTLIER;
+        let side = |axis: usize| {
+            let mut values: Vec<f32> = points.iter().map(|point| point[axis]).collect();
+            values.sort_by(f32::total_cmp);
+            Some([*values.get(left_out)?, *values.get(values.len().checked_sub(left_out + 1)?)?])
+        };
+        let [x, y, z] = [side(0)?, side(1)?, side(2)?];
+        Some(Bounds { low: [x[0], y[0], z[0]], high: [x[1], y[1], z[1]] })
     }
 }

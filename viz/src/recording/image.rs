@@ -10,8 +10,6 @@ use std::path::Path;
 
 /// Arrows of residuals are so many times as long.
 pub const RESIDUAL_FACTOR: f64 = 20.0;
-/// Up to so many rejected points in a frame say why.
-const MOST_REASONS: usize = 15;
 
 impl Recorder<'_> {
     /// The images themselves.
@@ -66,12 +64,12 @@ impl Recorder<'_> {
             .iter()
             .map(|points| points.iter().filter(is_rejected).map(|p| p.reason.unwrap_or_default()).collect())
             .collect();
-        let most = reasons.iter().map(Vec::len).max().unwrap_or_default();
-        if most == 0 {
+        if reasons.iter().all(Vec::is_empty) {
             return Ok(());
         }
         let entity = self.at(&format!("{}/{layer}", path::IMAGE));
-        let shown = Points2D::update_fields().with_show_labels(most <= MOST_REASONS);
+        // They are shown of the point that one points at: all at once hide the points.
+        let shown = Points2D::update_fields().with_show_labels(false);
         self.stream.log_static(entity.as_str(), &shown)?;
         let frames: Vec<usize> = (0..reasons.len()).collect();
         let columns = Points2D::update_fields()

@@ -296,8 +296,8 @@ fn speed_and_heading_have_their_bands() {
 fn points_have_the_colour_of_their_worst_standard_deviation() {
     let colours =
         [[0.01, 0.002, 0.0], [0.011, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.0, 0.2]].map(colour::of_sigma);
-    assert_eq!(colours, [0xFDE7_25FF, 0x5EC9_62FF, 0x2191_8CFF, 0x8A5B_B5FF]);
-    assert_eq!(colour::of_sigma([0.01, f64::INFINITY, 0.01]), 0x7777_77FF);
+    assert_eq!(colours, [0xFDE7_25FF, 0x5EC9_62FF, 0x2191_8CFF, 0x7B3F_9EFF]);
+    assert_eq!(colour::of_sigma([0.01, f64::INFINITY, 0.01]), 0x5555_55FF);
 }
 
 #[test]
@@ -351,8 +351,8 @@ fn what_a_result_is_compared_with_is_beside_it() {
     assert_eq!(value("/plots/heading/car/reference"), [31.0]);
     let sizes = numbers(&recorded["/world/paths/car/reference/precision"], "half_sizes");
     assert!(close(&sizes, &[0.02, 0.03, 0.04].map(|sigma| NORMAL_95 * sigma)));
-    assert_eq!(colours(&recorded["/shapes/car/scan"]), [0xFDE7_25FF, 0x8A5B_B5FF, 0x7777_77FF]);
-    assert_eq!(colours(&recorded["/shapes/car/to_scan"]), [0xFDE7_25FF, 0x7777_77FF]);
+    assert_eq!(colours(&recorded["/shapes/car/scan"]), [0xFDE7_25FF, 0x7B3F_9EFF, 0x5555_55FF]);
+    assert_eq!(colours(&recorded["/shapes/car/to_scan"]), [0xFDE7_25FF, 0x5555_55FF]);
 }
 
 /// The colours of an entity.

@@ -5,6 +5,7 @@ use crate::path;
 use rerun::{MediaType, TextDocument, TextLog, TextLogLevel};
 
 const LEGEND: &str = include_str!("legend.md");
+const SHAPE_LEGEND: &str = include_str!("shape_legend.md");
 
 impl Recorder<'_> {
     /// The summary, what is odd, and where zero is.
@@ -21,8 +22,11 @@ impl Recorder<'_> {
         self.fixed(path::SUMMARY, &TextDocument::new(text).with_media_type(MediaType::MARKDOWN))
     }
 
-    pub(super) fn legend(&self) -> Recorded {
-        self.fixed(path::LEGEND, &TextDocument::new(LEGEND).with_media_type(MediaType::MARKDOWN))
+    pub(super) fn legends(&self) -> Recorded {
+        for (entity, text) in [(path::LEGEND, LEGEND), (path::SHAPE_LEGEND, SHAPE_LEGEND)] {
+            self.fixed(entity, &TextDocument::new(text).with_media_type(MediaType::MARKDOWN))?;
+        }
+        Ok(())
     }
 
     /// Warnings, which belong to no time.

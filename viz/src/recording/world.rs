@@ -84,7 +84,7 @@ impl Recorder<'_> {
     /// Camera and path before the adjustment, and the image of the camera after it.
     pub(super) fn camera_start(&self) -> Recorded {
         let image = format!("{}/image", path::CAMERA_START);
-        self.fixed(&image, &self.pinhole(colour::BEFORE, 0.8))?;
+        self.fixed(&image, &self.pinhole(colour::BEFORE, 0.7))?;
         self.fixed(path::IMAGE, &self.pinhole(colour::AFTER, 1.0))?;
         self.camera(path::CAMERA_START, "before", &self.scene.camera.before, colour::BEFORE, BEFORE_WIDTH)
     }
@@ -111,6 +111,7 @@ impl Recorder<'_> {
         Pinhole::from_focal_length_and_resolution(focal, camera.size_px.map(|v| v as f32))
             .with_principal_point(principal)
             .with_image_plane_distance(length * (FRUSTUM * height).clamp(0.5, 10.0))
+            .with_line_width(on_screen(length * length))
             .with_color(colour)
     }
 
