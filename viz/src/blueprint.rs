@@ -15,7 +15,7 @@ use rerun::external::re_sdk_types::blueprint::components::{MapProvider, PanelSta
 use send::Eye;
 
 /// From a body one looks from here, in shares of its length: from its left, from above.
-const BESIDE: [f32; 3] = [-0.6, -0.85, 0.6];
+const BESIDE: [f32; 3] = [-0.5, -0.7, 0.5];
 /// ... and from farther away where it drives.
 const AWAY: f32 = 2.5;
 

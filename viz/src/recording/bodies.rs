@@ -85,13 +85,14 @@ impl Recorder<'_> {
         self.appear(*first, &format!("{entity}/shape"), &shape(*radius_m))?;
         if let Some(Bounds { low, high }) = Bounds::of(&points) {
             let sizes: [f32; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
-            let label = format!("{id} {name}");
+            // One name is enough: those of both would cover each other.
+            let label = if *name == "after" { (*id).to_owned() } else { format!("{id} {name}") };
             let around = Boxes3D::from_mins_and_sizes([low], [sizes])
                 .with_colors([*colour])
                 .with_radii([on_screen(*width)])
                 .with_fill_mode(FillMode::MajorWireframe)
                 .with_labels([label.as_str()])
-                .with_show_labels(true);
+                .with_show_labels(*name == "after");
             self.appear(*first, &format!("{entity}/box"), &around)?;
             let middle = [(low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0, high[2]];
             let ahead = Arrows3D::from_vectors([[0.75 * sizes[0].max(1.0), 0.0, 0.0]])
