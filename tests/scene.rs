@@ -103,13 +103,13 @@ fn a_result_is_drawn_the_same_from_its_adjustment_and_from_its_folder() {
     assert!(counts["Good"] > 10_000, "{counts:?}");
     // The last state on the way is the adjusted one: what follows chooses the frame of the body, not the track.
     let last = iterations.last().unwrap();
-    assert_eq!(last.state.camera_m.len(), adjusted.camera.after.len());
+    assert_eq!(last.state.camera.len(), adjusted.camera.after.len());
     let end = &last.state.bodies[0];
     for (a, b) in end.track_m.iter().zip(&a.track) {
         assert!(apart(a, &b.position_m) < 1e-3, "{a:?} {:?}", b.position_m);
     }
     assert!(iterations.len() > 5 && iterations[0].step.is_none() && iterations[1].step.is_some());
-    assert!(apart(&iterations[0].state.camera_m[0], &adjusted.camera.before[0].position_m) < 1e-9);
+    assert!(apart(&iterations[0].state.camera[0].position_m, &adjusted.camera.before[0].position_m) < 1e-9);
 }
 
 #[test]

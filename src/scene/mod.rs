@@ -105,7 +105,7 @@ pub fn iteration(
         damping: record.damping,
         step: (record.iteration > 0).then_some(record.step),
         state: viz::Snapshot {
-            camera_m: estimate.camera_poses.iter().map(|pose| pose.translation.vector.into()).collect(),
+            camera: estimate.camera_poses.iter().map(pose).collect(),
             bodies: vehicles.filter(|(_, estimate)| estimate.left_out.is_none()).map(body).collect(),
         },
     }

@@ -203,11 +203,11 @@ impl<'a> Recorder<'a> {
         self.fixed(entity, &strips)
     }
 
+    fn transform(&self, pose: &Pose) -> Transform3D {
+        Transform3D::from_translation(self.local(pose.position_m)).with_quaternion(quaternion(pose))
+    }
+
     fn poses(&self, entity: &str, frames: &[usize], poses: &[Pose]) -> Recorded {
-        let quaternion = |pose: &Pose| {
-            let [w, x, y, z] = pose.quaternion_wxyz.map(|v| v as f32);
-            Quaternion::from_xyzw([x, y, z, w])
-        };
         let columns = Transform3D::update_fields()
             .with_many_translation(poses.iter().map(|p| self.local(p.position_m)))
             .with_many_quaternion(poses.iter().map(quaternion))
@@ -298,6 +298,11 @@ impl Curve {
     fn new(legend: impl Into<String>, colour: Colour, width: f32) -> Self {
         Curve { legend: legend.into(), colour, width }
     }
+}
+
+fn quaternion(pose: &Pose) -> Quaternion {
+    let [w, x, y, z] = pose.quaternion_wxyz.map(|v| v as f32);
+    Quaternion::from_xyzw([x, y, z, w])
 }
 
 /// A radius in points of the screen, which the viewer knows by its sign.

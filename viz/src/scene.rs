@@ -290,8 +290,8 @@ pub struct Iteration {
 /// A state on the way.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot {
-    /// The camera's path \[m\].
-    pub camera_m: Vec<[f64; 3]>,
+    /// The camera's pose in each frame.
+    pub camera: Vec<Pose>,
     /// The bodies.
     pub bodies: Vec<BodySnapshot>,
 }

@@ -29,7 +29,15 @@ impl Recorder<'_> {
         let text = TextLog::new(format!("{number}: {}, cost {:.6e}", iteration.stage, iteration.cost));
         self.at_iteration(number, path::LOG, &text)?;
         let state = &iteration.state;
-        self.line(number, "camera", &state.camera_m)?;
+        let places: Vec<[f64; 3]> = state.camera.iter().map(|pose| pose.position_m).collect();
+        self.line(number, "camera", &places)?;
+        // Cameras of the first frame: without a pose on this timeline they would stand at zero.
+        let first = self.scene.camera.before.first();
+        for (entity, pose) in [(path::CAMERA, state.camera.first()), (path::CAMERA_START, first)] {
+            if let Some(pose) = pose {
+                self.at_iteration(number, entity, &self.transform(pose))?;
+            }
+        }
         for body in &state.bodies {
             self.line(number, &part(&body.id), &body.track_m)?;
             let points = Points3D::new(body.points_m.iter().map(|p| p.map(|v| v as f32)))

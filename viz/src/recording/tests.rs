@@ -37,7 +37,7 @@ fn scene() -> Scene {
         marking,
     };
     let on_the_way = |x: f64| Snapshot {
-        camera_m: vec![pose(x).position_m, pose(x).position_m],
+        camera: vec![pose(x), pose(x)],
         bodies: vec![BodySnapshot {
             id: "car".to_owned(),
             track_m: vec![pose(x).position_m],
@@ -226,7 +226,10 @@ fn three_timelines_and_no_other() {
 #[test]
 fn large_coordinates_keep_their_millimetres() {
     let recorded = recorded();
-    let positions = numbers(&recorded["/world/camera"], "translation");
+    // The others are those of iterations.
+    let is_of_frames = |chunk: &&Chunk| chunk.timelines().keys().any(|name| name.as_str() == "frame");
+    let of_frames: Vec<Chunk> = recorded["/world/camera"].iter().filter(is_of_frames).cloned().collect();
+    let positions = numbers(&of_frames, "translation");
     assert_eq!(positions.len(), 6);
     assert_eq!(positions[0], 0.0);
     assert!((positions[3] - 0.001).abs() < 1e-6, "{positions:?}");
