@@ -116,8 +116,8 @@ mod tests {
         std::fs::create_dir(&folder).unwrap();
         let read = || read_reference(place.path(), &["a".to_owned()]).unwrap();
         assert!(read().world.is_none());
-        let text = "[world]\nutm_zone = 32\nhemisphere = \"north\"\nshift_x_m = 500000\nshift_y_m = 5000000\n\
-                    [time]\nzero = 2026-05-01T10:00:00Z\n";
+        let text =
+            "[world]\nutm_zone = 32\nhemisphere = \"north\"\nshift_x_m = 500000\nshift_y_m = 5000000\n";
         std::fs::write(folder.join("reference.toml"), text).unwrap();
         let Reference { tracks, world, warnings, .. } = read();
         assert_eq!((tracks.len(), warnings.len()), (0, 0));

@@ -112,11 +112,12 @@ fn in_world(
         let names = setting.accepted_names();
         findings.warn(format!("{file}: left out by their quality (accepted: {names}): {told}"));
     }
+    let zero_gps_ns = setting.zero_gps_ns(findings)?;
     let mut track: Vec<GnssPosition> = Vec::new();
     for epoch in accepted {
         let position = setting.world.place(epoch.ecef_m);
         let position = GnssPosition {
-            time_s: (epoch.gps_ns.saturating_sub(setting.zero_gps_ns)) as f64 * 1e-9,
+            time_s: (epoch.gps_ns.saturating_sub(zero_gps_ns)) as f64 * 1e-9,
             position,
             velocity_mps: epoch.ecef_velocity_mps.map(|v| setting.world.velocity(epoch.ecef_m, v)),
             sigma_m: epoch.sigma_enu_m,

@@ -57,12 +57,15 @@ impl Quality {
     }
 }
 
+const ZERO_WANTED: &str =
+    "zero, a date and time from 1996 on (2026-05-01T10:00:00Z), and scale: UTC, or GPST without a zone";
+
 /// The setting.
 pub struct Setting {
     /// The world of the problem on the Earth.
     pub world: World,
-    /// Where the clock of the reference is zero, in nanoseconds of GPS time.
-    pub zero_gps_ns: i64,
+    /// Where the clock of the reference is zero, in nanoseconds of GPS time, if that is said.
+    zero_gps_ns: Option<i64>,
     accepted: Vec<Quality>,
 }
 
@@ -130,20 +133,28 @@ impl Setting {
             findings.error(Finding { column, ..Finding::of_file(FILE, wanted, found) });
         };
         let world = raw.world.as_ref().map_or(Err("nothing".to_owned()), world);
-        let zero_gps_ns = raw.time.as_ref().map_or(Err("nothing".to_owned()), zero_gps_ns);
+        let zero_gps_ns = raw.time.as_ref().map(zero_gps_ns).transpose();
         let accepted = raw.quality.as_ref().map_or(Ok(vec![Quality::Fix]), accepted);
         if let Err(found) = &world {
             let wanted = "origin_latitude_deg, origin_longitude_deg and origin_height_m, or utm_zone (1 to 60) and hemisphere (north or south)";
             refuse("world", wanted, found);
         }
         if let Err(found) = &zero_gps_ns {
-            let wanted = "zero, a date and time from 1996 on (2026-05-01T10:00:00Z), and scale: UTC, or GPST without a zone";
-            refuse("time", wanted, found);
+            refuse("time", ZERO_WANTED, found);
         }
         if let Err(found) = &accepted {
             refuse("quality.accept", "a list of fix, float, sbas, dgps, single, ppp", found);
         }
         Some(Setting { world: world.ok()?, zero_gps_ns: zero_gps_ns.ok()?, accepted: accepted.ok()? })
+    }
+
+    /// Where the clock of a receiver is zero, which its file needs.
+    pub fn zero_gps_ns(&self, findings: &mut Findings) -> Option<i64> {
+        if self.zero_gps_ns.is_none() {
+            let column = Some("time".to_owned());
+            findings.error(Finding { column, ..Finding::of_file(FILE, ZERO_WANTED, "nothing") });
+        }
+        self.zero_gps_ns
     }
 
     /// Whether positions of this quality are compared.

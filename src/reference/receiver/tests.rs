@@ -272,6 +272,8 @@ fn what_is_wrong_is_named() {
     setting(&SETTING.replace("45.4", "95.4"), "column world");
     setting(&SETTING.replace("[time]", "utm_zone = 32\n[time]"), "column world");
     setting(&SETTING.replace("2026-05-01T10:00:00Z", "1"), "column time");
+    let without_time = SETTING.split("[time]").next().unwrap();
+    setting(without_time, "reference/reference.toml: column time: expected zero, a date and time");
     setting(&SETTING.replace("[time]", "[time]\nscale = \"GPST\""), "column time");
     setting(&format!("{SETTING}[quality]\naccept = [\"good\"]\n"), "column quality.accept");
     let (_, findings) = read_folder(&[("car1.pos", &utc)]);
