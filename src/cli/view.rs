@@ -5,8 +5,8 @@ use super::comparison::{Invalid, ToCompare};
 use super::comparison_text::describe;
 use super::evaluate::clock_offset;
 use super::options::{
-    Input, ViewerOptions, check_recording_place, computable, default_result_folder, read, save_whole,
-    without_rerun,
+    Input, ViewerOptions, check_recording_place, computable, default_result_folder, positive, read,
+    save_whole, without_rerun,
 };
 use super::output::warn_all;
 use crate::evaluate::{Clock, EvaluateOptions};
@@ -52,6 +52,10 @@ pub struct Arguments {
         allow_hyphen_values = true
     )]
     clock_offset: Clock,
+
+    /// Arrows of residuals are so many times as long
+    #[arg(long, value_name = "X", default_value_t = trackbundle_viz::DEFAULT_RESIDUAL_FACTOR, value_parser = positive)]
+    residual_factor: f64,
 
     /// Print no warnings; errors are always printed
     #[arg(long, short)]
@@ -102,6 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let mut start = scene::start(&problem, &initial.estimate);
     start.film = scene::film(&problem);
+    start.residual_factor = Some(arguments.residual_factor);
     start.warnings.extend(warnings.iter().chain(&initial.warnings).cloned());
     let shared = Shared {
         folder: &arguments.problem,

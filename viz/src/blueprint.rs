@@ -185,7 +185,7 @@ impl Views<'_> {
     }
 
     fn overview(&self) -> ContainerLike {
-        let camera = Spatial2DView::new("Camera: residuals x 20 [px]")
+        let camera = Spatial2DView::new(format!("Camera: residuals x {} [px]", self.0.residual_factor()))
             .with_origin(self.at(path::IMAGE))
             .with_contents(["+ $origin/**"]);
         let distribution = BarChartView::new("Residuals: how many of which size [px]")

@@ -26,9 +26,9 @@ pub use file::save;
 #[cfg(feature = "rerun")]
 pub use live::{Live, show};
 pub use scene::{
-    Body, BodySnapshot, Camera, Film, Frame, Geodetic, Ground, ImagePoint, ImagePointKind, Iteration, Map,
-    MapTrack, Marking, Open, Pose, ReferencePlace, Scan, Scene, Snapshot, State, Target, TargetRole,
-    TrackPoint, TrackPrecision,
+    Body, BodySnapshot, Camera, DEFAULT_RESIDUAL_FACTOR, Film, Frame, Geodetic, Ground, ImagePoint,
+    ImagePointKind, Iteration, Map, MapTrack, Marking, Open, Pose, ReferencePlace, Scan, Scene, Snapshot,
+    State, Target, TargetRole, TrackPoint, TrackPrecision,
 };
 #[cfg(not(feature = "rerun"))]
 pub use without::{Live, save, show};

@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+/// How many times as long arrows of residuals are if nothing else is said.
+pub const DEFAULT_RESIDUAL_FACTOR: f64 = 20.0;
+
 /// Everything that is drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
@@ -27,6 +30,8 @@ pub struct Scene {
     pub summary: String,
     /// What is odd.
     pub warnings: Vec<String>,
+    /// Arrows of residuals are so many times as long; by default [`DEFAULT_RESIDUAL_FACTOR`].
+    pub residual_factor: Option<f64>,
     /// The film.
     pub film: Option<Film>,
     /// The same on the Earth.
@@ -308,6 +313,11 @@ pub struct BodySnapshot {
 }
 
 impl Scene {
+    /// How many times as long arrows of residuals are.
+    pub fn residual_factor(&self) -> f64 {
+        self.residual_factor.unwrap_or(DEFAULT_RESIDUAL_FACTOR)
+    }
+
     /// The point that recordings put at zero, because the viewer keeps 32 bits: nothing where the
     /// coordinates are small, else a round number in their midst \[m\].
     pub fn local_origin_m(&self) -> [f64; 3] {

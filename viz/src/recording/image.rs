@@ -8,9 +8,6 @@ use crate::scene::{Film, ImagePoint, Marking};
 use rerun::{Arrows2D, AssetVideo, EncodedImage, Points2D, VideoFrameReference};
 use std::path::Path;
 
-/// Arrows of residuals are so many times as long.
-pub const RESIDUAL_FACTOR: f64 = 20.0;
-
 impl Recorder<'_> {
     /// The images themselves.
     pub(super) fn film(&self) -> Recorded {
@@ -81,9 +78,10 @@ impl Recorder<'_> {
     /// From the computed to the observed place of each image point that takes part, enlarged.
     fn residual_arrows(&self) -> Recorded {
         let entity = self.at(&format!("{}/residuals", path::IMAGE));
+        let factor = self.scene.residual_factor();
         let arrow = |p: &ImagePoint| {
             let computed = p.computed_px.filter(|_| p.marking == Marking::Good)?;
-            let along = |axis: usize| (RESIDUAL_FACTOR * (p.observed_px[axis] - computed[axis])) as f32;
+            let along = |axis: usize| (factor * (p.observed_px[axis] - computed[axis])) as f32;
             Some((computed.map(|v| v as f32), [along(0), along(1)]))
         };
         let per_frame: Vec<Vec<_>> =

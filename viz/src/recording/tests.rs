@@ -104,6 +104,7 @@ fn scene() -> Scene {
         }),
         film: None,
         root: None,
+        residual_factor: Some(40.0),
     }
 }
 
@@ -263,7 +264,9 @@ fn residuals_point_from_the_computed_to_the_observed_place() {
     let recorded = recorded();
     let arrows = &recorded["/world/camera/image/residuals"];
     assert_eq!(numbers(arrows, "origins"), [13.0, 16.0]);
-    assert_eq!(numbers(arrows, "vectors"), [-60.0, 80.0]);
+    assert_eq!(numbers(arrows, "vectors"), [-120.0, 160.0]);
+    assert_eq!(scene().residual_factor(), 40.0);
+    assert_eq!(Scene::default().residual_factor(), 20.0);
 }
 
 fn close(found: &[f64], wanted: &[f64]) -> bool {

@@ -23,7 +23,8 @@ impl Recorder<'_> {
     }
 
     pub(super) fn legends(&self) -> Recorded {
-        for (entity, text) in [(path::LEGEND, LEGEND), (path::SHAPE_LEGEND, SHAPE_LEGEND)] {
+        let legend = LEGEND.replace("{factor}", &self.scene.residual_factor().to_string());
+        for (entity, text) in [(path::LEGEND, legend.as_str()), (path::SHAPE_LEGEND, SHAPE_LEGEND)] {
             self.fixed(entity, &TextDocument::new(text).with_media_type(MediaType::MARKDOWN))?;
         }
         Ok(())
