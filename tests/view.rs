@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use support::in_package;
 
 fn program() -> Command {
-    let mut program = Command::cargo_bin("trackbundle").unwrap();
+    let mut program = support::program();
     // No viewer of this machine is started by chance.
     program.env("PATH", "/nowhere");
     program

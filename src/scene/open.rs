@@ -5,9 +5,6 @@ use trackbundle_viz as viz;
 /// Lines reach so far to either side: a share of the distance from the camera, or metres along an axis.
 const SHARE: f64 = 0.05;
 const ALONG_AXIS_M: f64 = 2.0;
-/// Between lines \[s\].
-const STEP_S: f64 = 1.0;
-/// A track all of whose axes are open lies along rays of the camera: then it is its scale.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Adds lines to the bodies whose tracks are not determined: along the rays of the camera where all axes are open,
@@ -15,20 +12,10 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub fn add_open(scene: &mut viz::Scene) {
     let frames = &scene.frames;
     for body in &mut scene.bodies {
-        let mut next_s = f64::NEG_INFINITY;
-        let picked: Vec<&viz::TrackPoint> = body
-            .after
-            .track
-            .iter()
-            .filter(|place| {
-                let time_s = frames[place.frame].time_s;
-                let is_due = time_s >= next_s;
-                if is_due {
-                    next_s = time_s + STEP_S;
-                }
-                is_due
-            })
-            .collect();
+        let track = &body.after.track;
+        let due = viz::each_second(frames, track.iter().map(|place| place.frame));
+        let picked: Vec<&viz::TrackPoint> =
+            track.iter().zip(due).filter(|(_, is_due)| *is_due).map(|(place, _)| place).collect();
         let is_open = |place: &&&viz::TrackPoint, axis: usize| {
             place.precision.is_some_and(|precision| precision.sigma_m[axis].is_infinite())
         };

@@ -28,7 +28,7 @@ pub use live::{Live, show};
 pub use scene::{
     Body, BodySnapshot, Camera, DEFAULT_RESIDUAL_FACTOR, Film, Frame, Geodetic, Ground, ImagePoint,
     ImagePointKind, Iteration, Map, MapTrack, Marking, Open, Pose, ReferencePlace, Scan, Scene, Snapshot,
-    State, Target, TargetRole, TrackPoint, TrackPrecision,
+    State, Target, TargetRole, TrackPoint, TrackPrecision, each_second,
 };
 #[cfg(not(feature = "rerun"))]
 pub use without::{Live, save, show};

@@ -33,8 +33,6 @@ const BEFORE_WIDTH: f32 = 0.6;
 const AFTER_WIDTH: f32 = 1.5;
 /// A place in three dimensions is within so many standard deviations in 95 % of cases.
 const NORMAL_95: f64 = 2.795_483;
-/// Between ellipsoids along a track \[s\].
-const ELLIPSOID_STEP_S: f64 = 1.0;
 
 type Recorded = Result<(), RecordingError>;
 
@@ -113,7 +111,7 @@ impl<'a> Recorder<'a> {
     /// What is known before the adjustment.
     pub fn start(&self) -> Recorded {
         for root in [path::WORLD, path::SHAPES] {
-            self.stream.log_static(self.at(root), &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
+            self.fixed(root, &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
         }
         self.ground()?;
         self.targets()?;
@@ -222,21 +220,17 @@ impl<'a> Recorder<'a> {
         ellipsoids: impl Iterator<Item = Ellipsoid>,
         colour: Colour,
     ) -> Recorded {
-        let ellipsoids: Vec<Ellipsoid> = ellipsoids.collect();
-        let colours = vec![colour; ellipsoids.len()];
-        self.coloured_ellipsoids(entity, ellipsoids, colours)
+        self.coloured_ellipsoids(entity, ellipsoids.map(|found| (found, colour)))
     }
 
     fn coloured_ellipsoids(
         &self,
         entity: &str,
-        ellipsoids: Vec<Ellipsoid>,
-        colours: Vec<Colour>,
+        ellipsoids: impl Iterator<Item = (Ellipsoid, Colour)>,
     ) -> Recorded {
         let is_known =
             |(e, _): &(Ellipsoid, Colour)| e.sigma_m.iter().all(|s| s.is_finite()) && e.sigma_m != [0.0; 3];
-        let (known, colours): (Vec<Ellipsoid>, Vec<Colour>) =
-            ellipsoids.into_iter().zip(colours).filter(is_known).unzip();
+        let (known, colours): (Vec<Ellipsoid>, Vec<Colour>) = ellipsoids.filter(is_known).unzip();
         if known.is_empty() {
             return Ok(());
         }
@@ -251,21 +245,6 @@ impl<'a> Recorder<'a> {
             .with_fill_mode(FillMode::MajorWireframe)
             .with_line_radii([on_screen(0.3)]);
         self.fixed(entity, &drawn)
-    }
-
-    /// Which of these frames are about a second apart.
-    fn each_second(&self, frames: impl Iterator<Item = usize>) -> Vec<bool> {
-        let mut next_s = f64::NEG_INFINITY;
-        frames
-            .map(|frame| {
-                let time_s = self.scene.frames[frame].time_s;
-                let is_due = time_s >= next_s;
-                if is_due {
-                    next_s = time_s + ELLIPSOID_STEP_S;
-                }
-                is_due
-            })
-            .collect()
     }
 
     /// A curve over frames; nothing where there is none.

@@ -329,6 +329,22 @@ impl Scene {
     }
 }
 
+/// Which of these frames, given by their indices in order, are about a second apart: the first, and each that is a
+/// second or more after the last one.
+pub fn each_second(frames: &[Frame], indices: impl Iterator<Item = usize>) -> Vec<bool> {
+    let mut next_s = f64::NEG_INFINITY;
+    indices
+        .map(|at| {
+            let time_s = frames[at].time_s;
+            let is_due = time_s >= next_s;
+            if is_due {
+                next_s = time_s + 1.0;
+            }
+            is_due
+        })
+        .collect()
+}
+
 /// Up to here 32 bits hold a tenth of a millimetre \[m\].
 const SMALL_M: f64 = 1000.0;
 const ROUND_M: f64 = 100.0;

@@ -3,7 +3,7 @@
 use super::{AFTER_WIDTH, BEFORE_WIDTH, Curve, Ellipsoid, NORMAL_95, Recorded, Recorder, on_screen};
 use crate::colour::{self, Colour};
 use crate::path::{self, part};
-use crate::scene::{Body, Pose, State, TrackPoint, TrackPrecision};
+use crate::scene::{Body, Pose, State, TrackPoint, TrackPrecision, each_second};
 use rerun::components::FillMode;
 use rerun::{Arrows3D, Boxes3D, Clear, LineStrips3D, Points3D};
 
@@ -47,16 +47,11 @@ impl Recorder<'_> {
         let ellipsoids =
             body.after.points_m.iter().zip(&body.after.sigmas_m).filter_map(|(centre, sigma)| {
                 let sigma_m = sigma.filter(|sigma| sigma.iter().all(|s| NORMAL_95 * s <= LONGEST_M))?;
-                Some(Ellipsoid { centre: centre.map(|v| v as f32), sigma_m, turn_rad: 0.0 })
+                let ellipsoid = Ellipsoid { centre: centre.map(|v| v as f32), sigma_m, turn_rad: 0.0 };
+                Some((ellipsoid, colour::of_sigma(sigma_m)))
             });
-        let (ellipsoids, colours): (Vec<Ellipsoid>, Vec<Colour>) = ellipsoids
-            .map(|found| {
-                let colour = colour::of_sigma(found.sigma_m);
-                (found, colour)
-            })
-            .unzip();
-        self.coloured_ellipsoids(&format!("{}/{id}/precision", path::SHAPES), ellipsoids, colours)?;
-        let due = self.each_second(body.after.track.iter().map(|place| place.frame));
+        self.coloured_ellipsoids(&format!("{}/{id}/precision", path::SHAPES), ellipsoids)?;
+        let due = each_second(&self.scene.frames, body.after.track.iter().map(|place| place.frame));
         let picked = body.after.track.iter().zip(due).filter(|(_, is_due)| *is_due);
         let of_track = picked.filter_map(|(place, _)| {
             Some(Ellipsoid::of_track(self.local(place.position_m), &place.precision?))
@@ -183,7 +178,7 @@ impl Recorder<'_> {
                     .with_labels([format!("{} reference", body.id)])
                     .with_show_labels(false);
             self.fixed(&format!("{}/{id}/reference", path::PATHS), &strip)?;
-            let due = self.each_second(places.iter().map(|place| place.frame));
+            let due = each_second(&self.scene.frames, places.iter().map(|place| place.frame));
             let picked: Vec<_> =
                 places.iter().zip(due).filter(|(_, is_due)| *is_due).map(|(place, _)| place).collect();
             let dots = Points3D::new(picked.iter().map(|place| self.local(place.position_m)))
@@ -225,14 +220,15 @@ impl Recorder<'_> {
     /// Track minus reference along x and y, between two standard deviations of both together.
     fn errors(&self, body: &Body) -> Recorded {
         let root = format!("{}/{}", path::ERRORS, part(&body.id));
+        let mut precisions = vec![None; self.scene.frames.len()];
+        body.after.track.iter().for_each(|place| precisions[place.frame] = place.precision);
         for (axis, letter) in ["x", "y"].into_iter().enumerate() {
             let curve = Curve::new(format!("{} {letter}", body.id), colour::AXES[axis], 2.0);
             let errors = body.reference.iter().map(|place| (place.frame, place.difference_m[axis]));
             self.curve(&format!("{root}/{letter}"), &curve, errors)?;
-            let track = |frame: usize| body.after.track.iter().find(|t| t.frame == frame)?.precision;
             for (end, sign) in [("upper", 2.0), ("lower", -2.0)] {
                 let bound = body.reference.iter().filter_map(|place| {
-                    let sigma_m = track(place.frame)?.sigma_m[axis].hypot(place.sigma_m?[axis]);
+                    let sigma_m = precisions[place.frame]?.sigma_m[axis].hypot(place.sigma_m?[axis]);
                     Some((place.frame, sign * sigma_m))
                 });
                 let curve =

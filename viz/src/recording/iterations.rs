@@ -1,10 +1,10 @@
 //! The way of the adjustment.
 
-use super::{Recorded, Recorder, on_screen};
-use crate::colour::{self, Colour};
+use super::{Curve, Recorded, Recorder, on_screen};
+use crate::colour;
 use crate::path::{self, part};
 use crate::scene::Iteration;
-use rerun::{AsComponents, BarChart, LineStrips3D, Points3D, Scalars, SeriesLines, TextLog};
+use rerun::{AsComponents, BarChart, LineStrips3D, Points3D, Scalars, TextLog};
 
 const TIMELINE: &str = "iteration";
 
@@ -18,9 +18,8 @@ impl Recorder<'_> {
         ] {
             let entity = format!("{}/{name}", path::ITERATIONS);
             if number == 0 {
-                let legend = self.told(&format!("log10 {name}"));
-                let style = SeriesLines::new().with_colors([colour]).with_names([legend]).with_widths([2.0]);
-                self.fixed(&entity, &style)?;
+                let curve = Curve::new(format!("log10 {name}"), colour, 2.0);
+                self.fixed(&entity, &self.style(&curve))?;
             }
             if let Some(value) = value {
                 self.at_iteration(number, &entity, &Scalars::single(log10(value)))?;
@@ -49,9 +48,8 @@ impl Recorder<'_> {
     }
 
     fn line(&self, number: usize, whose: &str, places_m: &[[f64; 3]]) -> Recorded {
-        let colour: Colour = colour::ON_THE_WAY;
         let strip = LineStrips3D::new([places_m.iter().map(|p| self.local(*p)).collect::<Vec<_>>()])
-            .with_colors([colour])
+            .with_colors([colour::ON_THE_WAY])
             .with_radii([on_screen(1.0)]);
         self.at_iteration(number, &format!("{}/{whose}/iteration", path::PATHS), &strip)
     }
