@@ -34,6 +34,7 @@ pub mod initialise;
 pub mod refine;
 
 pub mod evaluate;
+pub mod simulate;
 
 pub mod report;
 pub mod scene;

@@ -10,6 +10,7 @@ mod options;
 mod output;
 mod refine;
 mod session;
+mod simulate;
 mod view;
 
 use crate::initialise::NotResectable;
@@ -52,6 +53,8 @@ enum Command {
     Evaluate(evaluate::Arguments),
     /// Show a problem, its results and its references in the Rerun viewer.
     View(view::Arguments),
+    /// Make a problem folder with its truth from a scenario: flight, vehicles, targets and errors.
+    Simulate(simulate::Arguments),
     /// Print completions for a shell: source <(trackbundle completions bash)
     Completions {
         /// The shell.
@@ -102,6 +105,7 @@ pub fn run() -> ExitCode {
         Command::Refine(arguments) => refine::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::View(arguments) => view::run(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "trackbundle", &mut script);

@@ -8,15 +8,18 @@ mod problem_toml;
 mod result_folder;
 mod result_tables;
 pub mod rows;
-mod section;
+pub mod section;
 mod video;
+mod written;
 
 pub use checked::Folder;
 pub use inputs::{InputFile, input_files};
 pub use inventory::{Inventory, TargetInventory, VehicleInventory};
 pub use problem_folder::read_problem;
+pub use problem_toml::{read_camera, read_vehicle_id};
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
 pub use result_tables::{
     RESIDUALS, ResultPoint, ResultPoses, ResultReport, ResultResidual, START_RESIDUALS, read_points,
     read_poses, read_report, read_residuals,
 };
+pub use written::{POSE_COLUMNS, decimal, number_sigma, pose_cells, problem_files};

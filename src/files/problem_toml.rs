@@ -135,7 +135,8 @@ fn read(top: &Section) -> Option<Settings> {
     })
 }
 
-fn read_camera(camera: &Section) -> Option<(Camera, Calibration, Shutter)> {
+/// Reads `[camera]`.
+pub fn read_camera(camera: &Section) -> Option<(Camera, Calibration, Shutter)> {
     let size = |key| {
         camera.required(key, "a size above 0", || {
             let whole = "a whole number above 0";
@@ -346,13 +347,19 @@ fn read_video(video: &Section) -> Option<VideoSettings> {
     images.or(file.map(|file| VideoSettings::File { file, offset_s }))
 }
 
-fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
+/// Reads the id of a vehicle.
+pub fn read_vehicle_id(vehicle: &Section) -> Option<String> {
     let id = vehicle.required("id", "a text", || vehicle.text("id"));
     // The id becomes part of a file's name.
     let unfit = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
     if id.as_ref().is_some_and(|id| id.contains(unfit) || id.starts_with('.')) {
         vehicle.error("id", "an id that can be part of a file name");
     }
+    id
+}
+
+fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
+    let id = read_vehicle_id(vehicle);
     let marker = vehicle.text("marker").map(|id| (id, vehicle.line("marker")));
     let height_m = vehicle.positive("height_m");
     let sigma_m = vehicle.not_negative("height_sigma_m").unwrap_or(0.1);

@@ -13,6 +13,7 @@ pub struct Document<'a> {
     file: &'a str,
     text: &'a str,
     findings: RefCell<Findings>,
+    is_strict: bool,
 }
 
 /// One table of it.
@@ -28,7 +29,13 @@ pub struct Section<'d, 't> {
 impl<'a> Document<'a> {
     /// The document `file` (relative to the problem folder) of this text.
     pub fn new(file: &'a str, text: &'a str) -> Self {
-        Document { file, text, findings: RefCell::default() }
+        Document { file, text, findings: RefCell::default(), is_strict: false }
+    }
+
+    /// Makes a key that is not known a finding, not a warning.
+    pub fn strict(mut self) -> Self {
+        self.is_strict = true;
+        self
     }
 
     /// Reads the whole document with `read`; `None`, with findings, where it is not TOML.
@@ -118,6 +125,11 @@ impl<'d, 't> Section<'d, 't> {
         let Some(value) = self.value(key) else { return (None, None) };
         let text = String::deserialize(value.clone().into_deserializer()).ok();
         (text, f64::deserialize(value.clone().into_deserializer()).ok())
+    }
+
+    /// Yes or no.
+    pub fn flag(&self, key: &'static str) -> Option<bool> {
+        self.get(key, "true or false")
     }
 
     /// A whole number.
@@ -219,7 +231,20 @@ impl<'d, 't> Section<'d, 't> {
     fn warn_of_unknown_keys(&self) {
         let asked = self.asked.borrow().clone();
         for key in self.table.keys().map(|key| key.get_ref()) {
-            if !asked.contains(key.as_ref()) {
+            if asked.contains(key.as_ref()) {
+                continue;
+            }
+            if self.document.is_strict {
+                let value = self.table.get(key.as_ref()).map_or(0, |value| value.span().start);
+                let (file, line) = (self.document.file, self.document.line_of(value));
+                self.document.error(Finding::of_cell(
+                    file,
+                    line,
+                    &self.key_path(key),
+                    "a key that is known",
+                    key,
+                ));
+            } else {
                 self.warn(key, "is not known and was not read");
             }
         }

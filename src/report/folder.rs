@@ -11,6 +11,10 @@ pub enum Holds {
     Result,
     /// The comparison of a result with references.
     Evaluation,
+    /// A simulated problem; none is ever replaced, since it may have been worked on.
+    Problem,
+    /// What accuracy is to be expected.
+    Study,
 }
 
 impl Holds {
@@ -19,6 +23,8 @@ impl Holds {
         match self {
             Holds::Result => "report.json",
             Holds::Evaluation => "evaluation.json",
+            Holds::Problem => "problem.toml",
+            Holds::Study => "study.json",
         }
     }
 
@@ -50,6 +56,8 @@ impl Holds {
                 ("shape_", ".ply"),
                 ("track_", ".tum"),
             ],
+            Holds::Problem => &[],
+            Holds::Study => &[("cells.csv", ""), ("plan.csv", ""), ("report.html", ""), ("study.json", "")],
         }
     }
 
@@ -80,8 +88,13 @@ pub struct Staged {
 pub enum PlaceError {
     /// Something is there that is not a result, and it is not touched.
     #[error(
-        "{0} exists and is not {what} of trackbundle, or holds other files too; it is left as it is (choose another place with --out)",
-        what = match .1 { Holds::Result => "a result", Holds::Evaluation => "an evaluation" }
+        "{0} exists{what}; it is left as it is (choose another place with --out)",
+        what = match .1 {
+            Holds::Result => " and is not a result of trackbundle, or holds other files too",
+            Holds::Evaluation => " and is not an evaluation of trackbundle, or holds other files too",
+            Holds::Study => " and is not a study of trackbundle, or holds other files too",
+            Holds::Problem => "",
+        }
     )]
     Occupied(PathBuf, Holds),
     /// The place cannot be used.
@@ -135,9 +148,13 @@ impl Staged {
         self.stage.join(name)
     }
 
-    /// Writes a file of the folder.
+    /// Writes a file of the folder, which may be in a folder of it.
     pub fn write(&self, (name, bytes): &File) -> io::Result<()> {
-        std::fs::write(self.path(name), bytes)
+        let path = self.path(name);
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent)?;
+        }
+        std::fs::write(path, bytes)
     }
 
     /// Puts everything in its place; a result that stood there is replaced.

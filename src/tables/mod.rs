@@ -60,6 +60,19 @@ pub trait Row: DeserializeOwned {
     const COLUMNS: &'static [Column];
 }
 
+/// A table of cells as CSV, its header first.
+pub fn written<R: IntoIterator<Item = String>>(
+    header: &[&str],
+    rows: impl IntoIterator<Item = R>,
+) -> Vec<u8> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(header).expect("writing to memory");
+    for row in rows {
+        writer.write_record(row).expect("a row as long as the header");
+    }
+    writer.into_inner().expect("writing to memory")
+}
+
 /// A row and the line of the file it begins on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line<R> {

@@ -1,0 +1,72 @@
+//! `trackbundle simulate`.
+
+use super::Failure;
+use super::output::{counted, print};
+use crate::report::folder::{Holds, Staged};
+use crate::simulate::{Chance, World, read_scenario, simulated_files};
+use crate::tables::Findings;
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// Arguments of the command.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The scenario (docs/scenarios.md); some are in problems/scenarios
+    scenario: PathBuf,
+
+    /// Where the problem folder goes; it must not be there yet
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+
+    /// What random numbers begin from, in place of the scenario's own seed
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+
+    /// Measure everything exactly: no noise, no gross errors, true poses
+    #[arg(long)]
+    exact: bool,
+
+    /// Print no summary; errors are always printed
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// Findings of a scenario are told with its folder.
+pub fn invalid(scenario: &Path, findings: Findings) -> Failure {
+    Failure::Invalid(vec![(scenario.parent().unwrap_or(Path::new("")).to_owned(), findings)])
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let refused = |findings| invalid(&arguments.scenario, findings);
+    let staged = Staged::begin(&arguments.out, Holds::Problem)?;
+    let scenario = read_scenario(&arguments.scenario).map_err(refused)?;
+    let world = World::new(scenario, arguments.seed).map_err(refused)?;
+    let chance = if arguments.exact { Chance::Exact } else { Chance::Run(0) };
+    let film = world.film(chance).map_err(refused)?;
+    let problem = &film.problem;
+    if let Some(unseen) = problem.vehicles.iter().find(|vehicle| vehicle.observations.is_empty()) {
+        return Err(Failure::NoSolution(format!("vehicle {} is never in view", unseen.id)));
+    }
+    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
+    for file in simulated_files(&world, &film).map_err(refused)? {
+        staged.write(&file).map_err(failed)?;
+    }
+    let folder = staged.publish().map_err(failed)?;
+    if arguments.quiet {
+        return Ok(());
+    }
+    let mut text = format!("simulated   {}, {}\n", problem.name, counted(problem.frames.len(), "frame"));
+    for vehicle in &problem.vehicles {
+        let points = counted(vehicle.points.len(), "point");
+        let seen = counted(vehicle.observations.len(), "image point");
+        text += &format!("vehicle     {}: {points}, {seen}\n", vehicle.id);
+    }
+    if !problem.targets.is_empty() {
+        let seen = counted(problem.target_observations.len(), "image point");
+        text += &format!("targets     {}, {seen}\n", problem.targets.len());
+    }
+    text += &format!("gross       {}\n", counted(film.gross.len(), "gross error"));
+    text += &format!("problem     {}\n", folder.display());
+    print(&text)
+}

@@ -1,0 +1,602 @@
+//! A film of a world.
+
+use super::path::{FINE, PlanPath};
+use super::scenario::{Course, Given, PoseSettings, Scenario, VehicleSettings};
+use super::wander::{Curve, Purpose, Times, normal, normal3, stream, values, wander, wanders};
+use super::{Chance, Film, World, no_ground};
+use crate::camera::Camera;
+use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
+use crate::geometry::{Pose, rotation::exp};
+use crate::problem::{
+    Frame, Freedom, GroundKnowledge, Known, PoseSigma, Problem, ReceivedPosition, Receiver,
+    ReceiverKnowledge, Role, ShapePoint, Shutter, Target, TargetObservation, Vehicle, VehicleObservation,
+};
+use crate::reference::GnssPosition;
+use crate::tables::Findings;
+use crate::terrain::NoGround;
+use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector2, Vector3};
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+
+/// A row is found so exactly \[s\].
+const ROW_TOLERANCE_S: f64 = 1e-9;
+/// ... in so many steps at the most.
+const ROW_STEPS: usize = 20;
+/// A known height, or a pose, is not better than this in what the problem says \[m\].
+const LEAST_KNOWN_M: f64 = 1e-4;
+
+/// The camera at any time.
+struct Drone<'w> {
+    scenario: &'w Scenario,
+    ground_m: f64,
+    drift: [Curve; 3],
+    sway: [Curve; 3],
+    /// White attitude of each frame \[rad\].
+    vibration: Vec<Vector3<f64>>,
+    followed: Option<&'w PlanPath>,
+    middle_s: f64,
+}
+
+impl Drone<'_> {
+    /// Its pose at a time of a frame.
+    fn pose(&self, frame: usize, time_s: f64) -> Pose {
+        let flight = &self.scenario.flight;
+        let since = time_s - self.middle_s;
+        let azimuth = flight.azimuth_deg.to_radians();
+        let ahead = |angle: f64| Vector3::new(angle.cos(), angle.sin(), 0.0);
+        // Looking down with the top of the image ahead: x right, y back, z down.
+        let looking = |angle: f64, tilt: f64| {
+            let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
+                nalgebra::Matrix3::from_columns(&[
+                    ahead(angle - std::f64::consts::FRAC_PI_2),
+                    -ahead(angle),
+                    -Vector3::z(),
+                ]),
+            ));
+            level * exp(&(Vector3::x() * tilt))
+        };
+        let high = Vector3::z() * (self.ground_m + flight.altitude_m);
+        let tilt = flight.tilt_deg.to_radians();
+        // So far back that it looks at the middle of the scene.
+        let back = -ahead(azimuth) * (flight.altitude_m * tilt.tan());
+        let (place, look) = match flight.course {
+            Course::Hover => (high + back, looking(azimuth, tilt)),
+            Course::Straight { speed_mps, direction_deg } => (
+                high + back + ahead(direction_deg.to_radians()) * (speed_mps * since),
+                looking(azimuth, tilt),
+            ),
+            Course::Orbit { radius_m, turn_dps } => {
+                let angle = azimuth + turn_dps.to_radians() * since;
+                let tilt = (radius_m / flight.altitude_m).atan();
+                (high - ahead(angle) * radius_m, looking(angle, tilt))
+            }
+            Course::Follow => {
+                let at = |t: f64| {
+                    let [x, y, _] = self.followed.map_or([[0.0; 2]; 3], |path| path.at(t));
+                    Vector3::new(x[0], y[0], 0.0)
+                };
+                (high + back + at(time_s), looking(azimuth, tilt))
+            }
+        };
+        let turn = values(&self.sway, time_s) + self.vibration[frame];
+        Pose::from_parts((place + values(&self.drift, time_s)).into(), look * exp(&turn))
+    }
+}
+
+/// A vehicle at any time.
+struct Ride<'w> {
+    settings: &'w VehicleSettings,
+    path: &'w PlanPath,
+    /// Height, roll and pitch over the ground.
+    bumps: [Curve; 3],
+    bias_m: f64,
+}
+
+impl Ride<'_> {
+    fn pose(&self, world: &World, time_s: f64) -> Result<Pose, NoGround> {
+        let [x, y, heading] = self.path.at(time_s);
+        let ground = world.terrain.at(x[0], y[0])?;
+        let [height, mut roll, mut pitch] = [0, 1, 2].map(|k| self.bumps[k].at(time_s)[0]);
+        let h = 0.5 * FINE as f64 / world.scenario.film.rate_hz;
+        let speed = |t: f64| {
+            let [x, y, heading] = self.path.at(t);
+            x[1] * heading[0].cos() + y[1] * heading[0].sin()
+        };
+        let ahead = (speed(time_s + h) - speed(time_s - h)) / (2.0 * h);
+        let across = speed(time_s) * heading[1];
+        // The nose goes up (turning about y to the left is down) and the body leans outwards.
+        pitch -= (self.settings.pitch_by_acceleration * ahead).to_radians();
+        roll += (self.settings.roll_by_acceleration * across).to_radians();
+        let normal = Unit::new_normalize(ground.normal());
+        let upright = UnitQuaternion::rotation_between_axis(&Vector3::z_axis(), &normal)
+            .unwrap_or(UnitQuaternion::identity());
+        let place = Vector3::new(x[0], y[0], ground.height_m + self.bias_m + height);
+        let turn = upright * exp(&(Vector3::z() * heading[0])) * exp(&Vector3::new(roll, pitch, 0.0));
+        Ok(Pose::from_parts(place.into(), turn))
+    }
+}
+
+/// What errors of a run are drawn.
+struct Errors {
+    /// The run whose paths these are.
+    run: u64,
+    /// 0 where nothing is measured wrongly.
+    on: f64,
+}
+
+impl World {
+    /// The film of a run. The error says where the ground ends.
+    pub fn film(&self, chance: Chance) -> Result<Film, Findings> {
+        let errors = match chance {
+            Chance::Exact => Errors { run: 0, on: 0.0 },
+            Chance::Run(run) => Errors { run: run + 1, on: 1.0 },
+        };
+        // Run 0 of the exact film has paths of its own: truth is one draw of many.
+        let scenario = &self.scenario;
+        let really = scenario.errors.really;
+        let rng = |purpose: Purpose, thing: usize| stream(self.seed, errors.run, purpose, thing);
+        let (frames, rate_hz) = (scenario.film.frames, scenario.film.rate_hz);
+        let times = Times::of_film(frames, rate_hz, 1);
+        let fine = Times::of_film(frames, rate_hz, FINE);
+        let time = |frame: usize| frame as f64 / rate_hz;
+        let middle_s = 0.5 * time(frames - 1);
+
+        let mut knowledge = rng(Purpose::Knowledge, 0);
+        let bias_m = normal(&mut knowledge) * scenario.terrain.bias_sigma_m * really[3];
+        let readout_error_s = normal(&mut knowledge) * scenario.camera.readout_sigma_s;
+        let readout_s = scenario.camera.readout_s + errors.on * readout_error_s;
+        let true_camera = self.true_camera(&errors);
+
+        let paths: Vec<PlanPath> = scenario
+            .vehicles
+            .iter()
+            .zip(&self.vehicles)
+            .enumerate()
+            .map(|(at, (settings, tracked))| {
+                let wanders = [settings.wander_m, settings.yaw_wander_deg.to_radians()];
+                let [along, yaw] = [0, 1].map(|k| {
+                    wander(&mut rng(Purpose::VehiclePath, 2 * at + k), wanders[k], settings.wander_s, times)
+                });
+                PlanPath::new(settings, &tracked.rows, fine, [&along, &yaw], middle_s)
+            })
+            .collect();
+        let rides: Vec<Ride> = scenario
+            .vehicles
+            .iter()
+            .zip(&paths)
+            .enumerate()
+            .map(|(at, (settings, path))| {
+                let terrain = &scenario.terrain;
+                let tilt = terrain.tilt_sigma_deg.to_radians();
+                let bumps = [terrain.sigma_m, tilt, tilt].map(|sigma| sigma * really[3]);
+                let bumps = [0, 1, 2].map(|k| {
+                    wander(&mut rng(Purpose::Ride, 3 * at + k), bumps[k], terrain.correlation_s, times)
+                });
+                Ride { settings, path, bumps, bias_m }
+            })
+            .collect();
+        let mut of_camera = rng(Purpose::CameraPath, 0);
+        let flight = &scenario.flight;
+        let ground =
+            self.terrain.at(0.0, 0.0).map_err(|e| no_ground(scenario, "the scene", &e.to_string()))?;
+        let drone = Drone {
+            scenario,
+            ground_m: ground.height_m,
+            drift: wanders(&mut of_camera, flight.drift_m, flight.drift_s, times),
+            sway: wanders(&mut of_camera, flight.sway_deg.to_radians(), flight.sway_s, times),
+            vibration: (0..frames)
+                .map(|_| normal3(&mut of_camera) * flight.vibration_deg.to_radians())
+                .collect(),
+            followed: paths.first(),
+            middle_s,
+        };
+        let cameras: Vec<Pose> = (0..frames).map(|frame| drone.pose(frame, time(frame))).collect();
+
+        // An image point is seen at the time of its row.
+        let seen = |frame: usize, place: &dyn Fn(f64) -> Option<Point3<f64>>| -> Option<Vector2<f64>> {
+            let mut row_s = 0.0_f64;
+            for _ in 0..ROW_STEPS {
+                let at = time(frame) + row_s;
+                let found = true_camera
+                    .project(&drone.pose(frame, at).inverse_transform_point(&place(at)?).coords)?;
+                let next_s = true_camera.row_delay(found.y) * readout_s;
+                if (next_s - row_s).abs() < ROW_TOLERANCE_S {
+                    return scenario.camera.camera.contains(&found).then_some(found);
+                }
+                row_s = next_s;
+            }
+            None
+        };
+
+        let (mut vehicles, mut found, mut velocities, mut gross) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut references = Vec::new();
+        let mut receivers: Vec<(Receiver, ReceiverEstimate)> = Vec::new();
+        for (at, ride) in rides.iter().enumerate() {
+            let settings = &scenario.vehicles[at];
+            let off_ground =
+                |e: NoGround| no_ground(scenario, &format!("{} on its way", settings.id), &e.to_string());
+            let poses: Vec<Pose> = (0..frames)
+                .map(|frame| ride.pose(self, time(frame)))
+                .collect::<Result<_, _>>()
+                .map_err(off_ground)?;
+            let place_of = |place: Point3<f64>| move |t: f64| Some(ride.pose(self, t).ok()? * place);
+            let sights = self.sights(at, &errors, &poses, &cameras, &seen, &place_of);
+            gross.extend(sights.gross);
+            let marker = self.vehicles[at].body.marker;
+            let step = 1e-3 / rate_hz;
+            let velocity = |frame: usize| {
+                let [before, after] =
+                    [-step, step].map(|h| ride.pose(self, time(frame) + h).map(|pose| pose * marker));
+                Ok((after? - before?) / (2.0 * step))
+            };
+            velocities.push((0..frames).map(velocity).collect::<Result<_, _>>().map_err(off_ground)?);
+            let mut own = rng(Purpose::Knowledge, 1 + at);
+            let (mut mark_error, height_error) = (normal(&mut own), normal(&mut own));
+            mark_error *= errors.on * really[4];
+            let points: Vec<Point3<f64>> = sights.points.iter().map(|(_, place)| *place).collect();
+            let highest = points.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max);
+            let known = |value_m: f64, sigma_m: f64, error: f64| Known {
+                value_m: value_m + sigma_m * error,
+                sigma_m: sigma_m.max(LEAST_KNOWN_M),
+            };
+            let shape = sights.points.iter().map(|(id, place)| {
+                let height = settings.marker_sigma_m.filter(|_| id == super::MARKER);
+                ShapePoint {
+                    id: id.clone(),
+                    known: [None, None, height.map(|s| known(place.z, s, mark_error))],
+                }
+            });
+            let marker_index = sights.points.iter().position(|(id, _)| id == super::MARKER);
+            vehicles.push(Vehicle {
+                id: settings.id.clone(),
+                marker: marker_index,
+                height: settings
+                    .height_sigma_m
+                    .filter(|_| highest.is_finite())
+                    .map(|sigma_m| known(highest, sigma_m, errors.on * really[4] * height_error)),
+                is_car: settings.is_car,
+                points: shape.collect(),
+                observations: sights.observations,
+                poses: self.given(&poses, &scenario.poses[1], &errors, Purpose::VehiclePoses, at, true),
+            });
+            found.push(VehicleEstimate {
+                poses: poses.iter().copied().map(Some).collect(),
+                open_depth: vec![false; points.len()],
+                points: points.into_iter().map(Some).collect(),
+                motion: None,
+                axle: [0.0; 2],
+                left_out: None,
+            });
+            let (received, reference) =
+                self.received(at, &errors, &|t| Some(ride.pose(self, t).ok()? * marker));
+            references.push(reference);
+            if let (Some(received), Some(point)) = (received, marker_index) {
+                receivers.push((Receiver { vehicle: at, point, ..received.0 }, received.1));
+            }
+        }
+
+        let (targets, target_observations, of_targets) = self.target_sights(&errors, &seen);
+        gross.extend(of_targets);
+        let [camera_poses, vehicle_poses] = &scenario.poses;
+        let terrain = &scenario.terrain;
+        let problem = Problem {
+            name: scenario.name.clone(),
+            camera: scenario.camera.camera.clone(),
+            calibration: scenario.camera.calibration,
+            shutter: Shutter {
+                readout_s: scenario.camera.readout_s,
+                freedom: match scenario.camera.readout_sigma_s {
+                    0.0 => Freedom::Fixed,
+                    sigma_s => Freedom::Prior(sigma_s),
+                },
+            },
+            frames: (0..frames).map(|at| Frame { number: at as i64, time_s: time(at) }).collect(),
+            camera_poses: self.given(&cameras, camera_poses, &errors, Purpose::CameraPoses, 0, false),
+            camera_pose_sigma: pose_sigma(camera_poses, 1.0),
+            targets,
+            target_observations,
+            vehicles,
+            vehicle_pose_sigma: pose_sigma(vehicle_poses, 0.5),
+            ground: terrain.is_known.then(|| GroundKnowledge {
+                terrain: self.terrain.clone(),
+                sigma_m: terrain.sigma_m,
+                correlation_s: terrain.correlation_s,
+                bias_sigma_m: terrain.bias_sigma_m,
+                tilt_sigma_rad: terrain.tilt_sigma_deg.to_radians(),
+            }),
+            receivers: receivers.iter().map(|(receiver, _)| receiver.clone()).collect(),
+            video: None,
+        };
+        let truth = Estimate {
+            camera_poses: cameras,
+            vehicles: found,
+            targets: self.targets.iter().copied().map(Some).collect(),
+            terrain_bias_m: if terrain.is_known { bias_m } else { 0.0 },
+            camera: true_camera.clone(),
+            readout_s,
+            receivers: receivers.into_iter().map(|(_, found)| found).collect(),
+        };
+        Ok(Film { problem, truth, velocities, gross, references })
+    }
+
+    /// The camera as it really is.
+    fn true_camera(&self, errors: &Errors) -> Camera {
+        let settings = &self.scenario.errors;
+        let mut rng = stream(self.seed, errors.run, Purpose::Calibration, 0);
+        let mut camera = self.scenario.camera.camera.clone();
+        let [focal, x, y] = std::array::from_fn(|_| errors.on * normal(&mut rng));
+        camera.focal_px *= 1.0 + settings.focal * focal;
+        camera.principal_px += Vector2::new(x, y) * settings.principal_px;
+        camera
+    }
+
+    /// Poses as the problem gives them. Vehicles err about z twice as much as about x and y.
+    fn given(
+        &self,
+        poses: &[Pose],
+        settings: &PoseSettings,
+        errors: &Errors,
+        purpose: Purpose,
+        thing: usize,
+        is_level: bool,
+    ) -> Vec<Option<Pose>> {
+        if settings.given == Given::Nothing {
+            return vec![None; poses.len()];
+        }
+        if settings.given == Given::Exact {
+            return poses.iter().copied().map(Some).collect();
+        }
+        let film = &self.scenario.film;
+        let mut rng = stream(self.seed, errors.run, purpose, thing);
+        let times = Times::of_film(poses.len(), film.rate_hz, 1);
+        let shifts = wanders(&mut rng, settings.slow_m, settings.slow_s, times);
+        let turns = wanders(&mut rng, settings.slow_deg.to_radians(), settings.slow_s, times);
+        let about = if is_level { Vector3::new(0.5, 0.5, 1.0) } else { Vector3::repeat(1.0) };
+        let of_frame = |(frame, pose): (usize, &Pose)| {
+            let t = frame as f64 / film.rate_hz;
+            let shift = values(&shifts, t) + normal3(&mut rng) * settings.white_m;
+            let turn = values(&turns, t) + normal3(&mut rng) * settings.white_deg.to_radians();
+            let turn = about.component_mul(&turn) * errors.on;
+            Some(Pose::from_parts(
+                (pose.translation.vector + shift * errors.on).into(),
+                pose.rotation * exp(&turn),
+            ))
+        };
+        poses.iter().enumerate().map(of_frame).collect()
+    }
+
+    fn target_sights(
+        &self,
+        errors: &Errors,
+        seen: &dyn Fn(usize, &dyn Fn(f64) -> Option<Point3<f64>>) -> Option<Vector2<f64>>,
+    ) -> (Vec<Target>, Vec<TargetObservation>, Vec<(i64, Option<usize>, String)>) {
+        let scenario = &self.scenario;
+        let (settings, of) = (&scenario.targets, &scenario.errors);
+        let mut survey = stream(self.seed, errors.run, Purpose::Survey, 0);
+        let first_check = settings.count - settings.check;
+        let target = |(at, place): (usize, &Point3<f64>)| {
+            let error = normal3(&mut survey) * (settings.sigma_m * of.really[2] * errors.on);
+            let known = |axis: usize| Known { value_m: place[axis] + error[axis], sigma_m: settings.sigma_m };
+            Target {
+                id: format!("T{at:03}"),
+                known: [0, 1, 2].map(|axis| Some(known(axis))),
+                role: if at < first_check { Role::Control } else { Role::Check },
+            }
+        };
+        let targets: Vec<Target> = self.targets.iter().enumerate().map(target).collect();
+        let mut images = stream(self.seed, errors.run, Purpose::TargetImages, 0);
+        let mut chance = stream(self.seed, errors.run, Purpose::Gross, usize::MAX >> 1);
+        let (mut observations, mut gross) = (Vec::new(), Vec::new());
+        for frame in 0..scenario.film.frames {
+            for (target, place) in self.targets.iter().enumerate() {
+                let Some(pixel) = seen(frame, &|_| Some(*place)) else { continue };
+                let noise = white(&mut images) * (of.target_px * of.really[1] * errors.on);
+                let mut image_px = pixel + noise;
+                let (draw, off) = (chance.random::<f64>(), gross_px(&mut chance, of.gross_px));
+                if draw < of.gross_targets {
+                    if errors.on == 0.0 {
+                        continue;
+                    }
+                    image_px += off;
+                    gross.push((frame as i64, None, targets[target].id.clone()));
+                }
+                observations.push(TargetObservation { frame, target, image_px, sigma_px: of.target_px });
+            }
+        }
+        (targets, observations, gross)
+    }
+
+    /// What a receiver on a vehicle measures: as observations with what is true of it, or to compare with.
+    #[allow(clippy::type_complexity)]
+    fn received(
+        &self,
+        vehicle: usize,
+        errors: &Errors,
+        place: &dyn Fn(f64) -> Option<Point3<f64>>,
+    ) -> (Option<(Receiver, ReceiverEstimate)>, Vec<GnssPosition>) {
+        let Some(gnss) = &self.scenario.gnss else { return (None, Vec::new()) };
+        let film = &self.scenario.film;
+        let mut rng = stream(self.seed, errors.run, Purpose::Gnss, vehicle);
+        let clock_error_s = normal(&mut rng) * gnss.clock_sigma_s.unwrap_or(0.0) * errors.on;
+        let offset_s = gnss.clock_offset_s + clock_error_s;
+        let shift_m = normal3(&mut rng) * (gnss.shift_sigma_m * errors.on);
+        let last_s = (film.frames - 1) as f64 / film.rate_hz;
+        let mut positions = Vec::new();
+        let mut k = 0_u32;
+        loop {
+            // Not in step with the frames.
+            let t = (f64::from(k) + 0.37) / gnss.rate_hz;
+            if t > last_s {
+                break;
+            }
+            let noise = normal3(&mut rng) * (gnss.sigma_m * errors.on);
+            if let Some(place) = place(t) {
+                positions.push((t, place + shift_m + noise));
+            }
+            k += 1;
+        }
+        let sigma_m = [gnss.sigma_m; 3];
+        if !gnss.is_observation {
+            let row = |(t, position): (f64, Point3<f64>)| GnssPosition {
+                time_s: t + offset_s,
+                position,
+                velocity_mps: None,
+                sigma_m: sigma_m.map(Some),
+            };
+            return (None, positions.into_iter().map(row).collect());
+        }
+        let row =
+            |(t, position): (f64, Point3<f64>)| ReceivedPosition { time_s: t + offset_s, position, sigma_m };
+        let knowledge = ReceiverKnowledge {
+            clock_offset: gnss.clock_sigma_s.map(|sigma_m| Known { value_m: gnss.clock_offset_s, sigma_m }),
+            shift_sigma_m: gnss.shift_sigma_m,
+            ..ReceiverKnowledge::default()
+        };
+        let positions = positions.into_iter().map(row).collect();
+        let truth = ReceiverEstimate { clock_offset_s: offset_s, shift_m, ..ReceiverEstimate::default() };
+        (Some((Receiver { vehicle, point: 0, positions, knowledge }, truth)), Vec::new())
+    }
+}
+
+/// What is seen of a vehicle.
+struct Sights {
+    /// Ids and places of the points, sorted by id.
+    points: Vec<(String, Point3<f64>)>,
+    observations: Vec<VehicleObservation>,
+    gross: Vec<(i64, Option<usize>, String)>,
+}
+
+impl World {
+    fn sights<F: Fn(f64) -> Option<Point3<f64>>>(
+        &self,
+        vehicle: usize,
+        errors: &Errors,
+        poses: &[Pose],
+        cameras: &[Pose],
+        seen: &dyn Fn(usize, &dyn Fn(f64) -> Option<Point3<f64>>) -> Option<Vector2<f64>>,
+        place_of: &dyn Fn(Point3<f64>) -> F,
+    ) -> Sights {
+        let (settings, of) = (&self.scenario.vehicles[vehicle], &self.scenario.errors);
+        let tracks = &self.vehicles[vehicle].tracks;
+        let least_cosine = settings.grazing_deg.to_radians().cos();
+        // Which tracks go wrong, and where to, is chance; which image points are missing is not.
+        let mut chance = stream(self.seed, errors.run, Purpose::Gross, vehicle);
+        let mut fates: Vec<Fate> = Vec::new();
+        for track in tracks {
+            let (draw, x, y): (f64, f64, f64) =
+                (chance.random(), chance.random_range(-3.0..3.0), chance.random_range(-3.0..3.0));
+            let at = chance.random_range(track.frames.clone());
+            let on_ground = || {
+                let place = poses[at].translation.vector;
+                let (x, y) = (place.x + x, place.y + y);
+                let z = self.terrain.at(x, y).map_or(place.z, |ground| ground.height_m);
+                Fate::Ground(Point3::new(x, y, z))
+            };
+            // The marker is painted on, and stays.
+            let is_marker = track.id == super::MARKER;
+            fates.push(match draw {
+                _ if is_marker => Fate::Good,
+                draw if draw < of.ground_tracks => on_ground(),
+                draw if draw < of.ground_tracks + of.swapped_tracks => {
+                    let other = chance.random_range(0..tracks.len());
+                    Fate::Swapped(other, track.frames.start + (track.frames.len()) / 2)
+                }
+                _ => Fate::Good,
+            });
+        }
+        let mut images: Vec<ChaCha8Rng> =
+            vec![stream(self.seed, errors.run, Purpose::VehicleImages, vehicle)];
+        let images = &mut images[0];
+        let mut missing = stream(self.seed, 2, Purpose::Tracks, vehicle);
+        let mut rows: Vec<(usize, usize, Vector2<f64>, bool)> = Vec::new();
+        for frame in 0..poses.len() {
+            for (at, track) in tracks.iter().enumerate() {
+                if !track.frames.contains(&frame) {
+                    continue;
+                }
+                let is_missing = missing.random::<f64>() < settings.dropout;
+                let noise = white(images) * (of.vehicle_px * of.really[0] * errors.on);
+                let (draw, off) = (chance.random::<f64>(), gross_px(&mut chance, of.gross_px));
+                let (place, normal, is_body) = match fates[at] {
+                    Fate::Ground(place) => (place, Vector3::z(), false),
+                    Fate::Swapped(other, from) if frame >= from => {
+                        (tracks[other].place, tracks[other].normal, true)
+                    }
+                    _ => (track.place, track.normal, true),
+                };
+                let is_wrong = !is_body || matches!(fates[at], Fate::Swapped(_, from) if frame >= from);
+                let pixel = if is_body {
+                    let (in_world, faces) = (poses[frame] * place, poses[frame].rotation * normal);
+                    let view = cameras[frame].translation.vector - in_world.coords;
+                    let is_seen = faces.dot(&view.normalize()) > least_cosine;
+                    if is_seen { seen(frame, &place_of(place)) } else { None }
+                } else {
+                    seen(frame, &|_| Some(place))
+                };
+                let Some(pixel) = pixel.filter(|_| !is_missing) else { continue };
+                let is_single = draw < of.gross;
+                let image_px = pixel + noise + if is_single { off } else { Vector2::zeros() };
+                rows.push((frame, at, image_px, is_wrong || is_single));
+            }
+        }
+        if errors.on == 0.0 {
+            rows.retain(|row| !row.3);
+        }
+        // Points that are seen in one frame have no place.
+        let mut sightings = vec![0_usize; tracks.len()];
+        rows.iter().for_each(|row| sightings[row.1] += 1);
+        let mut order: Vec<usize> = (0..tracks.len()).filter(|at| sightings[*at] >= 2).collect();
+        order.sort_by(|a, b| tracks[*a].id.cmp(&tracks[*b].id));
+        let mut index = vec![None; tracks.len()];
+        order.iter().enumerate().for_each(|(to, at)| index[*at] = Some(to));
+        let (mut observations, mut gross) = (Vec::new(), Vec::new());
+        for (frame, at, image_px, is_gross) in rows {
+            let Some(point) = index[at] else { continue };
+            if is_gross {
+                gross.push((frame as i64, Some(vehicle), tracks[at].id.clone()));
+            }
+            observations.push(VehicleObservation { frame, point, image_px, sigma_px: of.vehicle_px });
+        }
+        observations.sort_by_key(|o| (o.frame, o.point));
+        let points = order.iter().map(|at| (tracks[*at].id.clone(), tracks[*at].place)).collect();
+        Sights { points, observations, gross }
+    }
+}
+
+/// What becomes of a track.
+#[derive(Clone, Copy)]
+enum Fate {
+    Good,
+    /// It is of this place on the road.
+    Ground(Point3<f64>),
+    /// From this frame on it is of another point.
+    Swapped(usize, usize),
+}
+
+fn white(rng: &mut ChaCha8Rng) -> Vector2<f64> {
+    let (u, v) = (normal(rng), normal(rng));
+    Vector2::new(u, v)
+}
+
+/// A gross error: of any direction.
+fn gross_px(rng: &mut ChaCha8Rng, [from, to]: [f64; 2]) -> Vector2<f64> {
+    let (angle, size): (f64, f64) =
+        (rng.random_range(0.0..std::f64::consts::TAU), rng.random_range(from..to));
+    Vector2::new(angle.cos(), angle.sin()) * size
+}
+
+/// What the problem says of its poses; `level_share` of the standard deviation about z goes for x and y.
+fn pose_sigma(settings: &PoseSettings, level_share: f64) -> PoseSigma {
+    match settings.given {
+        Given::Exact => PoseSigma { position_m: Some(0.0), rotation_rad: [Some(0.0); 3] },
+        Given::Start | Given::Nothing => PoseSigma { position_m: None, rotation_rad: [None; 3] },
+        Given::Known => {
+            let turn = settings.white_deg.hypot(settings.slow_deg).to_radians().max(1e-6);
+            PoseSigma {
+                position_m: Some(settings.white_m.hypot(settings.slow_m).max(LEAST_KNOWN_M)),
+                rotation_rad: [Some(level_share * turn), Some(level_share * turn), Some(turn)],
+            }
+        }
+    }
+}

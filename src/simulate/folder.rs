@@ -1,0 +1,113 @@
+//! A film as a problem folder with its truth.
+
+use super::{Film, World};
+use crate::files::{POSE_COLUMNS, decimal, pose_cells, problem_files};
+use crate::tables::{Finding, Findings, written};
+use std::path::Path;
+
+/// The files of a film: the problem folder, `truth/` and `reference/`. The bytes depend on the scenario and the
+/// seed alone.
+pub fn simulated_files(world: &World, film: &Film) -> Result<Vec<(String, Vec<u8>)>, Findings> {
+    let Film { problem, truth, .. } = film;
+    let grid = world.scenario.terrain.grid.as_ref();
+    let grid_name = grid.map(|path| {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("asc");
+        format!("terrain.{}", extension.to_ascii_lowercase())
+    });
+    let mut files = problem_files(problem, grid_name.as_deref());
+    if let (Some(path), Some(name), true) = (grid, &grid_name, problem.ground.is_some()) {
+        files.push((name.clone(), read(path)?));
+    }
+    let frame = |at: usize| problem.frames[at].number.to_string();
+    let header = |keys: &[&'static str]| -> Vec<&'static str> { [keys, &POSE_COLUMNS[..]].concat() };
+    let rows = truth.camera_poses.iter().enumerate();
+    let rows = rows.map(|(at, pose)| std::iter::once(frame(at)).chain(pose_cells(pose)));
+    files.push(("truth/camera_poses.csv".to_owned(), written(&header(&["frame"]), rows)));
+    let rows = problem.vehicles.iter().zip(&truth.vehicles).flat_map(|(vehicle, found)| {
+        let poses = found.poses.iter().enumerate();
+        poses.filter_map(|(at, pose)| Some((at, vehicle.id.clone(), pose_cells(pose.as_ref()?))))
+    });
+    let rows = rows.map(|(at, id, cells)| [frame(at), id].into_iter().chain(cells));
+    files.push(("truth/vehicle_poses.csv".to_owned(), written(&header(&["frame", "vehicle"]), rows)));
+    let metres = |v: &f64| decimal(*v, 6);
+    let rows = problem.vehicles.iter().zip(&truth.vehicles).flat_map(|(vehicle, found)| {
+        let points = vehicle.points.iter().zip(&found.points);
+        points.filter_map(|(point, place)| {
+            let [x, y, z]: [f64; 3] = (*place)?.coords.into();
+            Some([vehicle.id.clone(), point.id.clone(), metres(&x), metres(&y), metres(&z)])
+        })
+    });
+    files.push(("truth/vehicle_points.csv".to_owned(), written(&["vehicle", "point", "x", "y", "z"], rows)));
+    for (at, vehicle) in problem.vehicles.iter().enumerate() {
+        let marker = world.vehicles[at].body.marker;
+        let poses = truth.vehicles[at].poses.iter().zip(&film.velocities[at]).enumerate();
+        let rows = poses.filter_map(|(at, (pose, velocity))| {
+            let place = (*pose)? * marker;
+            let numbers = place.iter().chain(velocity.iter()).map(metres).collect::<Vec<_>>();
+            Some([frame(at), decimal(problem.frames[at].time_s, 7)].into_iter().chain(numbers))
+        });
+        let header = ["frame", "time_s", "x", "y", "z", "vx", "vy", "vz"];
+        files.push((format!("truth/trajectory_{}.csv", vehicle.id), written(&header, rows)));
+    }
+    let rows = film.gross.iter().map(|(frame, vehicle, point)| {
+        let id = vehicle.map_or_else(String::new, |at| problem.vehicles[at].id.clone());
+        [frame.to_string(), id, point.clone()]
+    });
+    files.push(("truth/outliers.csv".to_owned(), written(&["frame", "vehicle", "point"], rows)));
+    let targets = problem.targets.iter().zip(&truth.targets);
+    let rows = targets.filter_map(|(target, place)| {
+        let [x, y, z]: [f64; 3] = (*place)?.coords.into();
+        Some([target.id.clone(), metres(&x), metres(&y), metres(&z)])
+    });
+    files.push(("truth/targets.csv".to_owned(), written(&["target", "x", "y", "z"], rows)));
+    files.push(("truth/parameters.csv".to_owned(), parameters(film)));
+    let rows = problem.vehicles.iter().zip(&film.references).flat_map(|(vehicle, positions)| {
+        positions.iter().map(|p| {
+            let numbers = p.position.iter().copied().chain(p.sigma_m.iter().map(|s| s.unwrap_or(0.0)));
+            let numbers: Vec<String> = numbers.map(|v| metres(&v)).collect();
+            [vehicle.id.clone(), decimal(p.time_s, 7)].into_iter().chain(numbers)
+        })
+    });
+    let rows: Vec<_> = rows.collect();
+    if !rows.is_empty() {
+        let header = ["vehicle", "time_s", "x", "y", "z", "sigma_x", "sigma_y", "sigma_z"];
+        files.push(("reference/gnss.csv".to_owned(), written(&header, rows)));
+    }
+    for (at, vehicle) in problem.vehicles.iter().enumerate() {
+        let line =
+            |p: &nalgebra::Point3<f64>| format!("{} {} {}\n", metres(&p.x), metres(&p.y), metres(&p.z));
+        let text: String = world.scan(at).iter().map(line).collect();
+        files.push((format!("reference/{}.xyz", vehicle.id), text.into_bytes()));
+    }
+    Ok(files)
+}
+
+/// What is true beside poses and points.
+fn parameters(film: &Film) -> Vec<u8> {
+    let truth = &film.truth;
+    let mut rows = vec![
+        ["terrain_bias_m".to_owned(), decimal(truth.terrain_bias_m, 9)],
+        ["readout_s".to_owned(), decimal(truth.readout_s, 9)],
+        ["fx".to_owned(), decimal(truth.camera.focal_px.x, 6)],
+        ["fy".to_owned(), decimal(truth.camera.focal_px.y, 6)],
+        ["cx".to_owned(), decimal(truth.camera.principal_px.x, 6)],
+        ["cy".to_owned(), decimal(truth.camera.principal_px.y, 6)],
+    ];
+    for (receiver, found) in film.problem.receivers.iter().zip(&truth.receivers) {
+        let id = &film.problem.vehicles[receiver.vehicle].id;
+        rows.push([format!("clock_offset_s {id}"), decimal(found.clock_offset_s, 9)]);
+        for (axis, shift) in ["x", "y", "z"].iter().zip(found.shift_m.iter()) {
+            rows.push([format!("gnss_shift_{axis}_m {id}"), decimal(*shift, 9)]);
+        }
+    }
+    written(&["name", "value"], rows)
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, Findings> {
+    std::fs::read(path).map_err(|error| {
+        let mut findings = Findings::default();
+        let file = path.display().to_string();
+        findings.error(Finding::of_file(&file, "a file that can be read", &error.to_string()));
+        findings
+    })
+}

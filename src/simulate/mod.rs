@@ -1,0 +1,229 @@
+//! Films with known truth: a scenario and a seed make a problem and what really was.
+//!
+//! ```text
+//! SCENARIO.toml -> Scenario -> World (bodies, tracks, targets: of the seed) -> Film (errors: of the run)
+//! ```
+//!
+//! What a plan would decide is of the seed alone: which points are tracked when. Targets stand where they always do. What chance
+//! decides is drawn anew for each run: paths about their plan, the ride over the ground, survey, calibration, and every
+//! error of a measurement. So the scatter over runs is what the standard deviations of the adjustment speak of.
+
+mod body;
+mod film;
+mod folder;
+mod path;
+pub mod presets;
+mod read;
+pub mod scenario;
+mod wander;
+
+use crate::estimate::Estimate;
+use crate::problem::Problem;
+use crate::reference::GnssPosition;
+use crate::tables::{Finding, Findings};
+use crate::terrain::Terrain;
+use body::{Body, Faced};
+pub use folder::simulated_files;
+use nalgebra::{Point3, Vector3};
+pub use read::parse;
+use scenario::{PathSettings, Scenario, VehicleSettings};
+use std::path::Path;
+use wander::{Purpose, stream};
+
+/// A scenario with everything that is of its seed.
+pub struct World {
+    /// The scenario.
+    pub scenario: Scenario,
+    seed: u64,
+    terrain: Terrain,
+    targets: Vec<Point3<f64>>,
+    vehicles: Vec<Tracked>,
+}
+
+/// A vehicle and the tracks of its points.
+struct Tracked {
+    body: Body,
+    rows: Vec<path::Fix>,
+    tracks: Vec<Track>,
+}
+
+/// A point that is tracked.
+struct Track {
+    id: String,
+    place: Point3<f64>,
+    normal: Vector3<f64>,
+    /// Frames, from the first to before the last.
+    frames: std::ops::Range<usize>,
+}
+
+/// What chance does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chance {
+    /// Paths and rides are those of run 0, and nothing is measured wrongly; gross errors are left out.
+    Exact,
+    /// All of it, as in the run of this number.
+    Run(u64),
+}
+
+/// A film and what really was.
+pub struct Film {
+    /// What is measured.
+    pub problem: Problem,
+    /// What is true of its unknowns.
+    pub truth: Estimate,
+    /// Velocities of the marker of each vehicle in each frame \[m/s\].
+    pub velocities: Vec<Vec<Vector3<f64>>>,
+    /// Gross errors: frame, vehicle (or none, for a target), point or target.
+    pub gross: Vec<(i64, Option<usize>, String)>,
+    /// Positions of a receiver on each vehicle that are only to compare with.
+    pub references: Vec<Vec<GnssPosition>>,
+}
+
+/// The name of the marker of each vehicle.
+pub const MARKER: &str = "mark";
+
+/// Reads the scenario in a file.
+pub fn read_scenario(path: &Path) -> Result<Scenario, Findings> {
+    let file = path
+        .file_name()
+        .map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        let mut findings = Findings::default();
+        findings.error(Finding::of_file(&file, "a scenario that can be read", &error.to_string()));
+        findings
+    })?;
+    parse(&file, &text, path.parent().unwrap_or(Path::new("")))
+}
+
+impl World {
+    /// The world of a scenario, with its own seed or another.
+    pub fn new(scenario: Scenario, seed: Option<u64>) -> Result<World, Findings> {
+        let seed = seed.unwrap_or(scenario.seed);
+        let terrain = read_terrain(&scenario)?;
+        let mut findings = Findings::default();
+        let mut vehicles = Vec::new();
+        for (at, settings) in scenario.vehicles.iter().enumerate() {
+            let body = match Body::new(&settings.body, seed, at) {
+                Ok(body) => body,
+                Err(found) => {
+                    findings.append(found);
+                    continue;
+                }
+            };
+            let rows = match &settings.path {
+                PathSettings::Driven { .. } => Vec::new(),
+                PathSettings::File(file) => match path::read_rows(file) {
+                    Ok(rows) => rows,
+                    Err(found) => {
+                        findings.append(found);
+                        continue;
+                    }
+                },
+            };
+            let film_s = (scenario.film.frames - 1) as f64 / scenario.film.rate_hz;
+            let end_s = path::PlanPath::end_s(&rows);
+            if !rows.is_empty() && film_s > end_s + 1e-6 {
+                let PathSettings::File(file) = &settings.path else { continue };
+                let wanted = format!("a path as long as the film, {film_s:.3} s");
+                findings.error(Finding::of_file(
+                    &file.display().to_string(),
+                    &wanted,
+                    &format!("{end_s:.3} s"),
+                ));
+            }
+            let tracks = tracks(settings, &body, scenario.film.frames, scenario.film.rate_hz, seed, at);
+            vehicles.push(Tracked { body, rows, tracks });
+        }
+        if findings.is_invalid() {
+            return Err(findings);
+        }
+        let targets = targets(&scenario, &terrain)?;
+        Ok(World { scenario, seed, terrain, targets, vehicles })
+    }
+
+    /// Points all over the surface of a vehicle.
+    pub fn scan(&self, vehicle: usize) -> &[Point3<f64>] {
+        &self.vehicles[vehicle].body.scan
+    }
+}
+
+fn read_terrain(scenario: &Scenario) -> Result<Terrain, Findings> {
+    let Some(path) = &scenario.terrain.grid else {
+        return Ok(Terrain::Plane { z_m: scenario.terrain.plane_z_m });
+    };
+    let file = path.display().to_string();
+    let mut findings = Findings::default();
+    match std::fs::read(path) {
+        Err(error) => findings.error(Finding::of_file(&file, "a grid that can be read", &error.to_string())),
+        Ok(bytes) => match Terrain::read_grid(&file, &bytes) {
+            Ok(terrain) => return Ok(terrain),
+            Err(faults) => {
+                for fault in faults {
+                    findings.error(Finding {
+                        line: fault.line,
+                        ..Finding::of_file(&file, &fault.wanted, &fault.found)
+                    });
+                }
+            }
+        },
+    }
+    Err(findings)
+}
+
+/// The number of this index in the sequence of van der Corput in a base: spread evenly, however many.
+fn even(index: usize, base: usize) -> f64 {
+    let (mut left, mut share, mut sum) = (index + 1, 1.0, 0.0);
+    while left > 0 {
+        share /= base as f64;
+        sum += share * (left % base) as f64;
+        left /= base;
+    }
+    sum
+}
+
+/// Targets, spread evenly (Halton 1960): of more targets the first are where those of fewer are.
+fn targets(scenario: &Scenario, terrain: &Terrain) -> Result<Vec<Point3<f64>>, Findings> {
+    let settings = &scenario.targets;
+    let place = |at: usize| {
+        let [x, y] = [2, 3].map(|base| settings.spread_m * (2.0 * even(at, base) - 1.0));
+        let ground = terrain.at(x, y).map_err(|error| no_ground(scenario, "a target", &error.to_string()))?;
+        Ok(Point3::new(x, y, ground.height_m + settings.height_m * even(at, 5)))
+    };
+    (0..settings.count).map(place).collect()
+}
+
+fn no_ground(scenario: &Scenario, what: &str, error: &str) -> Findings {
+    let mut findings = Findings::default();
+    let file = scenario.terrain.grid.as_ref().map_or_else(String::new, |path| path.display().to_string());
+    findings.error(Finding::of_file(&file, &format!("ground under {what}"), error));
+    findings
+}
+
+/// The tracks of a vehicle: as many at a time as it has points, each followed by another when it ends.
+fn tracks(
+    settings: &VehicleSettings,
+    body: &Body,
+    frames: usize,
+    rate_hz: f64,
+    seed: u64,
+    thing: usize,
+) -> Vec<Track> {
+    let mut places = stream(seed, 0, Purpose::Body, thing);
+    let mut lives = stream(seed, 0, Purpose::Tracks, thing);
+    let marker = Track { id: MARKER.to_owned(), place: body.marker, normal: Vector3::z(), frames: 0..frames };
+    let mut all = vec![marker];
+    for _ in 0..settings.points {
+        let mut begin = 0;
+        while begin < frames {
+            let life = settings.track_s.map_or(frames as f64, |mean_s| {
+                // Exponential, as of a tracker that may lose a point at any time; the first is in the middle of its life.
+                -(1.0 - rand::Rng::random::<f64>(&mut lives)).ln() * mean_s * rate_hz
+            });
+            let end = begin.saturating_add(life.ceil().max(2.0) as usize).min(frames);
+            let (place, normal): Faced = body.point(&mut places);
+            all.push(Track { id: format!("p{:05}", all.len()), place, normal, frames: begin..end });
+            begin = end;
+        }
+    }
+    all
+}
