@@ -36,6 +36,8 @@ pub mod refine;
 pub mod evaluate;
 pub mod simulate;
 
+pub mod study;
+
 pub mod report;
 pub mod scene;
 

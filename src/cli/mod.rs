@@ -11,6 +11,7 @@ mod output;
 mod refine;
 mod session;
 mod simulate;
+mod study;
 mod view;
 
 use crate::initialise::NotResectable;
@@ -55,6 +56,10 @@ enum Command {
     View(view::Arguments),
     /// Make a problem folder with its truth from a scenario: flight, vehicles, targets and errors.
     Simulate(simulate::Arguments),
+    /// Say how accurate results will be, over a grid of scenarios: by covariance, and by Monte Carlo.
+    Study(study::Arguments),
+    /// Find the flights that reach a wanted accuracy, and the cheapest of them.
+    Plan(study::Arguments),
     /// Print completions for a shell: source <(trackbundle completions bash)
     Completions {
         /// The shell.
@@ -106,6 +111,8 @@ pub fn run() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::View(arguments) => view::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Study(arguments) => study::run(arguments),
+        Command::Plan(arguments) => study::run_plan(arguments),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "trackbundle", &mut script);

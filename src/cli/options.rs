@@ -99,6 +99,18 @@ pub fn without_rerun(what: &str) -> Failure {
     Failure::Usage(format!("this build has no Rerun (feature \"rerun\"), so {what} cannot be used"))
 }
 
+/// Sets the number of threads of this process: all cores where none is given.
+pub fn set_threads(threads: Option<u16>) -> Result<(), Failure> {
+    let threads = match threads {
+        Some(threads) => usize::from(threads),
+        None => std::thread::available_parallelism().map_or(1, usize::from),
+    };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .map_err(|error| Failure::Other(format!("the threads could not be started: {error}")))
+}
+
 /// What a command has written, and what it could not.
 pub struct Written {
     /// The result folder.
@@ -112,14 +124,7 @@ pub struct Written {
 impl OutputOptions {
     /// Sets the number of threads of this process.
     fn set_threads(&self) -> Result<(), Failure> {
-        let threads = match self.threads {
-            Some(threads) => usize::from(threads),
-            None => std::thread::available_parallelism().map_or(1, usize::from),
-        };
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build_global()
-            .map_err(|error| Failure::Other(format!("the threads could not be started: {error}")))
+        set_threads(self.threads)
     }
 
     /// Whether a recording is written.

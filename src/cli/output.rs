@@ -81,6 +81,32 @@ fn bar(max_iterations: usize) -> impl FnMut(&Progress<'_>) {
     }
 }
 
+/// Where the steps of a study go: a bar with the time that is left on a terminal, else a line for every tenth;
+/// nothing with `quiet`.
+pub fn steps(quiet: bool) -> Box<dyn Fn(usize, usize) + Sync> {
+    if quiet {
+        return Box::new(|_, _| {});
+    }
+    if std::io::stderr().is_terminal() {
+        let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} steps, {elapsed}, {eta} left");
+        let bar = ProgressBar::new(0);
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        let bar = Clearing(bar);
+        return Box::new(move |done, all| {
+            bar.0.set_length(all as u64);
+            bar.0.set_position(done as u64);
+        });
+    }
+    let begin = std::time::Instant::now();
+    Box::new(move |done, all| {
+        if done * 10 / all > (done - 1) * 10 / all {
+            let passed_s = begin.elapsed().as_secs_f64();
+            let left_s = passed_s * (all - done) as f64 / done as f64;
+            eprintln!("{done} of {all} steps, {passed_s:.0} s, {left_s:.0} s left");
+        }
+    })
+}
+
 /// A bar that leaves the terminal clean.
 struct Clearing(ProgressBar);
 

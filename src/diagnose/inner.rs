@@ -78,7 +78,7 @@ impl Joint {
 }
 
 /// The weighted shifts of the points of a vehicle along its open directions: `B`.
-fn shape_rows(network: &Network, vehicle: usize, frame: &BodyFrame) -> DMatrix<f64> {
+pub fn shape_rows(network: &Network, vehicle: usize, frame: &BodyFrame) -> DMatrix<f64> {
     let system = &network.model.system;
     let mut columns = DMatrix::zeros(system.size(), frame.open.len());
     for ((point, place), weight) in frame.points.iter().zip(&frame.weights) {

@@ -5,7 +5,9 @@
 
 mod check_points;
 mod distribution;
+mod expectation;
 mod inner;
+mod moment;
 pub mod observability;
 pub mod parameters;
 mod precision;
@@ -15,6 +17,7 @@ mod statistics;
 mod verdict;
 
 pub use check_points::CheckPrecision;
+pub use expectation::{Expectation, Influence, Quantity, expectation};
 pub use parameters::Parameter;
 pub use precision::{PosePrecision, Precision, StatePrecision, TrackPrecision};
 pub use scale::{CommonError, Scale};

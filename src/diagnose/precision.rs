@@ -1,12 +1,13 @@
 //! Standard deviations of everything that is written.
 
 use super::inner::{Inner, Joint, Piece};
+use super::moment::{Function, Moment, direction};
 use crate::estimate::{Estimate, TrackPoint};
 use crate::geometry::{Pose, skew};
 use crate::nlls::system::BlockId;
 use crate::problem::{PoseSigma, Problem};
-use crate::trajectory::{Linear, Trajectory};
-use nalgebra::{DVector, Point3, SVector, Vector3};
+use crate::trajectory::Trajectory;
+use nalgebra::{DVector, Point3, Vector3};
 use rayon::prelude::*;
 
 /// Standard deviations of a pose: of its position along the axes of the world \[m\], of its attitude about
@@ -237,30 +238,31 @@ impl Track<'_> {
     }
 
     fn speed_of_path(&self, path: &Trajectory, place: usize) -> Option<f64> {
-        let moment = self.moment(path, self.problem.frames[self.track[place].frame].time_s)?;
-        Some(moment.sigma(&moment.of_speed()))
+        let (moment, terms) = self.moment(path, self.problem.frames[self.track[place].frame].time_s)?;
+        Some(terms.sigma(&moment, &moment.of_speed()))
     }
 
     /// The path at any time, and what of its covariance is wanted.
-    fn moment(&self, path: &Trajectory, time_s: f64) -> Option<Moment> {
+    fn moment(&self, path: &Trajectory, time_s: f64) -> Option<(Moment, Terms)> {
         let linear = path.linear_at(time_s)?;
         let pieces = linear.knots.clone().map(|knot| Some(self.pose(knot)?.0)).collect::<Option<_>>()?;
         let terms = Terms::new(self, pieces)?;
         let marker = self.marker.map_or(Point3::origin(), |(_, place)| place);
-        Some(Moment { linear, terms, marker })
+        Some((Moment { linear, marker }, terms))
     }
 
     /// The state at a time.
     fn state(&self, path: &Trajectory, time_s: f64) -> Option<StatePrecision> {
-        let moment = self.moment(path, time_s)?;
+        let (moment, terms) = self.moment(path, time_s)?;
+        let sigma = |function| terms.sigma(&moment, &function);
         let axis = |axis: usize| Vector3::ith(axis, 1.0);
         Some(StatePrecision {
             time_s,
-            position_m: [0, 1, 2].map(|k| moment.sigma(&moment.of_position(&axis(k)))),
-            velocity_mps: [0, 1, 2].map(|k| moment.sigma(&moment.of_velocity(&axis(k)))),
-            speed_mps: moment.sigma(&moment.of_speed()),
-            heading_rad: moment.sigma(&moment.of_heading()),
-            yaw_rate_rps: moment.sigma(&moment.of_yaw_rate()),
+            position_m: [0, 1, 2].map(|k| sigma(moment.of_position(&axis(k)))),
+            velocity_mps: [0, 1, 2].map(|k| sigma(moment.of_velocity(&axis(k)))),
+            speed_mps: sigma(moment.of_speed()),
+            heading_rad: sigma(moment.of_heading()),
+            yaw_rate_rps: sigma(moment.of_yaw_rate()),
         })
     }
 
@@ -282,82 +284,6 @@ impl Track<'_> {
         let direction = direction(moved);
         let gradient = &by_axis[0] * direction.x + &by_axis[1] * direction.y;
         Some(joint.variance(&gradient).sqrt() / (time(after) - time(before)))
-    }
-}
-
-/// At rest a speed has no derivative: any direction will do.
-fn direction(moved: nalgebra::Vector2<f64>) -> nalgebra::Vector2<f64> {
-    if moved.norm() > 1e-9 { moved.normalize() } else { nalgebra::Vector2::x() }
-}
-
-/// A path at a time.
-struct Moment {
-    linear: Linear,
-    terms: Terms,
-    marker: Point3<f64>,
-}
-
-/// A function of a state: its gradient by the twelve numbers of the state, and by the marker.
-type Function = (SVector<f64, 12>, Vector3<f64>);
-
-impl Moment {
-    fn function(parts: [(usize, Vector3<f64>); 3], by_marker: Vector3<f64>) -> Function {
-        let mut by_state = SVector::<f64, 12>::zeros();
-        for (row, part) in parts {
-            let mut rows = by_state.fixed_rows_mut::<3>(row);
-            rows += part;
-        }
-        (by_state, by_marker)
-    }
-
-    fn in_body(&self, direction: &Vector3<f64>) -> Vector3<f64> {
-        self.linear.state.pose.rotation.inverse() * direction
-    }
-
-    /// Of `p + R m` along a direction of the world, of which `d(R) = R [dr]x`.
-    fn of_position(&self, along: &Vector3<f64>) -> Function {
-        let in_body = self.in_body(along);
-        let turned = self.marker.coords.cross(&in_body);
-        Moment::function([(0, *along), (3, turned), (6, Vector3::zeros())], in_body)
-    }
-
-    /// Of `v + R (w x m)`.
-    fn of_velocity(&self, along: &Vector3<f64>) -> Function {
-        let (in_body, w) = (self.in_body(along), self.linear.state.angular_velocity_rps);
-        let turned = w.cross(&self.marker.coords).cross(&in_body);
-        let swung = self.marker.coords.cross(&in_body);
-        Moment::function([(3, turned), (6, *along), (9, swung)], in_body.cross(&w))
-    }
-
-    fn of_speed(&self) -> Function {
-        let direction = direction(self.linear.state.velocity_of(&self.marker).xy());
-        self.of_velocity(&Vector3::new(direction.x, direction.y, 0.0))
-    }
-
-    /// Of the direction of `R ex` in the plan.
-    fn of_heading(&self) -> Function {
-        let ahead = self.linear.state.pose.rotation * Vector3::x();
-        let across = Vector3::new(-ahead.y, ahead.x, 0.0) / ahead.xy().norm_squared();
-        let turned = Vector3::x().cross(&self.in_body(&across));
-        Moment::function([(3, turned), (0, Vector3::zeros()), (6, Vector3::zeros())], Vector3::zeros())
-    }
-
-    /// Of `ez . R w`: that of a vehicle that stands nearly level.
-    fn of_yaw_rate(&self) -> Function {
-        let up = self.in_body(&Vector3::z());
-        let turned = self.linear.state.angular_velocity_rps.cross(&up);
-        Moment::function([(3, turned), (9, up), (0, Vector3::zeros())], Vector3::zeros())
-    }
-
-    fn sigma(&self, (by_state, by_marker): &Function) -> f64 {
-        let of_pose = |block: &crate::trajectory::StateBlock| {
-            let gradient = block.transpose() * by_state;
-            Some((gradient.fixed_rows::<3>(0).into(), gradient.fixed_rows::<3>(3).into()))
-        };
-        let by_pose: Vec<_> = self.linear.blocks.iter().map(of_pose).collect();
-        let of_poses = self.terms.variance(&self.terms.gradient(&by_pose, *by_marker));
-        let between = (by_state.transpose() * self.linear.process * by_state)[(0, 0)];
-        (of_poses + between).sqrt()
     }
 }
 
@@ -409,6 +335,12 @@ impl Terms {
             gradient.rows_mut(at, 3).copy_from(&by_marker);
         }
         gradient
+    }
+
+    /// Standard deviation of a function of the state at a moment.
+    fn sigma(&self, moment: &Moment, function: &Function) -> f64 {
+        let by_pose: Vec<_> = moment.by_poses(function).into_iter().map(Some).collect();
+        (self.variance(&self.gradient(&by_pose, function.1)) + moment.between(function)).sqrt()
     }
 
     fn variance(&self, gradient: &DVector<f64>) -> f64 {

@@ -111,7 +111,7 @@ pub fn share(network: &Network, source: Source, step: &[f64], variance: f64) -> 
 }
 
 /// Sources, each once, in the order of [`Source`].
-fn sources(network: &Network) -> Vec<Source> {
+pub fn sources(network: &Network) -> Vec<Source> {
     let has_rows = |of: &Source| {
         network.model.groups_of(*of).map(|group| network.model.system.rows(group)).sum::<usize>() > 0
     };
@@ -127,7 +127,7 @@ fn is_knowledge(source: Source) -> bool {
     !matches!(source, Source::VehicleImages | Source::TargetImages | Source::Frame | Source::Convention)
 }
 
-fn sigma_of(direction: &Direction, variance_factor: f64) -> f64 {
+pub fn sigma_of(direction: &Direction, variance_factor: f64) -> f64 {
     match direction.conventions > UNDETERMINED {
         true => f64::INFINITY,
         false => (direction.variance * variance_factor).sqrt(),

@@ -127,6 +127,31 @@ impl<'d, 't> Section<'d, 't> {
         (text, f64::deserialize(value.clone().into_deserializer()).ok())
     }
 
+    /// Values of any kind, one at least.
+    pub fn values(&self, key: &'static str) -> Option<Vec<toml::Value>> {
+        let wanted = "an array of one value or more";
+        let values: Vec<toml::Value> = self.get(key, wanted)?;
+        if values.is_empty() {
+            self.error(key, wanted);
+        }
+        Some(values)
+    }
+
+    /// Texts, one at least.
+    pub fn texts(&self, key: &'static str) -> Option<Vec<String>> {
+        let wanted = "an array of one text or more";
+        let texts: Vec<String> = self.get(key, wanted)?;
+        if texts.is_empty() {
+            self.error(key, wanted);
+        }
+        Some(texts)
+    }
+
+    /// A table of values of any kind.
+    pub fn free_table(&self, key: &'static str) -> Option<toml::Table> {
+        self.get(key, "a table")
+    }
+
     /// Yes or no.
     pub fn flag(&self, key: &'static str) -> Option<bool> {
         self.get(key, "true or false")

@@ -102,7 +102,7 @@ fn body_frame(
     }
     let weights = weights(model, normals, vehicle, &points);
     let generators = generators(&points, &weights);
-    let steps: Vec<Vec<f64>> = generators.iter().map(|g| step_of(estimate, model, vehicle, g)).collect();
+    let steps: Vec<Vec<f64>> = generators.iter().map(|g| frame_step(estimate, model, vehicle, g)).collect();
     let mut information = Matrix6::zeros();
     for source in [Source::Terrain, Source::KnownHeight, Source::KnownPoint] {
         for group in model.groups_of(source) {
@@ -186,7 +186,7 @@ fn generators(points: &[(usize, Point3<f64>)], weights: &[f64]) -> [Vector6<f64>
 }
 
 /// The step in which the frame of a vehicle moves, in elimination order.
-fn step_of(estimate: &Estimate, model: &Model, vehicle: usize, direction: &Vector6<f64>) -> Vec<f64> {
+pub fn frame_step(estimate: &Estimate, model: &Model, vehicle: usize, direction: &Vector6<f64>) -> Vec<f64> {
     let mut step = vec![0.0; model.system.size()];
     let mut write = |block: Option<BlockId>, delta: &[f64]| {
         if let Some(range) = block.and_then(|block| model.system.range_of(block)) {

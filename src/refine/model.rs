@@ -389,6 +389,11 @@ impl Model {
         self.motion.estimate(&mut self.system, minimiser, values)
     }
 
+    /// Sets the strengths of the motion priors to what true `values` scatter.
+    pub fn set_motion_by_truth(&mut self, values: &Values) {
+        self.motion.set_by_truth(&mut self.system, values);
+    }
+
     /// Takes over the strengths of another model of the same problem.
     pub fn copy_motion(&mut self, other: &Model) {
         self.motion.copy(&mut self.system, &other.motion, &other.system);

@@ -281,6 +281,18 @@ impl Motion {
         }
     }
 
+    /// Sets the strengths that are to be estimated to what true `values` scatter: the root mean square of the rows.
+    pub fn set_by_truth(&self, system: &mut System, values: &Values) {
+        let estimated =
+            self.components.iter().filter(|c| c.is_estimated && system.rows(c.group) >= LEAST_ROWS);
+        for component in estimated.collect::<Vec<_>>() {
+            let squares: f64 = system.squared_norms(component.group, values).into_iter().flatten().sum();
+            let factor =
+                system.sigma_factor(component.group) * (squares / system.rows(component.group) as f64).sqrt();
+            system.set_sigma_factor(component.group, factor.clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1));
+        }
+    }
+
     /// One step of the estimation at `values`; returns the largest factor by which a strength changes.
     pub fn estimate(
         &mut self,

@@ -9,6 +9,7 @@ pub mod folder;
 mod json;
 mod page;
 mod rounding;
+mod study;
 mod tables;
 
 pub use cloud::cloud_with_scalars;
@@ -19,6 +20,7 @@ pub use exports::exports;
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
 pub use page::{PageInput, changed_inputs, page};
 pub use rounding::grouped;
+pub use study::{StudyReport, plan_table, study_files};
 pub use tables::{result_tables, start_residuals_table, states_table};
 
 use crate::estimate::Estimate;

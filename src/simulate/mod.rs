@@ -15,6 +15,7 @@ mod path;
 pub mod presets;
 mod read;
 pub mod scenario;
+mod vary;
 mod wander;
 
 use crate::estimate::Estimate;
@@ -24,10 +25,11 @@ use crate::tables::{Finding, Findings};
 use crate::terrain::Terrain;
 use body::{Body, Faced};
 pub use folder::simulated_files;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 pub use read::parse;
 use scenario::{PathSettings, Scenario, VehicleSettings};
 use std::path::Path;
+pub use vary::{ABSENT, Value, vary};
 use wander::{Purpose, stream};
 
 /// A scenario with everything that is of its seed.
@@ -139,6 +141,23 @@ impl World {
         }
         let targets = targets(&scenario, &terrain)?;
         Ok(World { scenario, seed, terrain, targets, vehicles })
+    }
+
+    /// What an image shows of level ground in the middle of the film \[m^2\]; infinite where it sees the horizon.
+    pub fn view_m2(&self, film: &Film) -> f64 {
+        let camera = &self.scenario.camera.camera;
+        let pose = film.truth.camera_poses[film.truth.camera_poses.len() / 2];
+        let [width, height] = camera.size_px.map(f64::from);
+        let ground_m = self.terrain.at(0.0, 0.0).map_or(0.0, |ground| ground.height_m);
+        let corner = |u: f64, v: f64| {
+            let ray = camera.ray(&Vector2::new(u, v))?;
+            let ray = pose.rotation * Vector3::new(ray.x, ray.y, 1.0);
+            let share = (ground_m - pose.translation.z) / ray.z;
+            (ray.z < 0.0).then(|| (pose.translation.vector + share * ray).xy())
+        };
+        let corners = [corner(0.0, 0.0), corner(width, 0.0), corner(width, height), corner(0.0, height)];
+        let [Some(a), Some(b), Some(c), Some(d)] = corners else { return f64::INFINITY };
+        0.5 * (c - a).perp(&(d - b)).abs()
     }
 
     /// Points all over the surface of a vehicle.

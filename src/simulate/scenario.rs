@@ -33,6 +33,24 @@ pub struct Scenario {
     pub gnss: Option<GnssSettings>,
 }
 
+impl Scenario {
+    /// The files that it names.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let of_vehicle = |vehicle: &VehicleSettings| {
+            let body = match &vehicle.body {
+                BodySettings::Scan(file) => Some(file.clone()),
+                BodySettings::Car { .. } => None,
+            };
+            let path = match &vehicle.path {
+                PathSettings::File(file) => Some(file.clone()),
+                PathSettings::Driven { .. } => None,
+            };
+            body.into_iter().chain(path)
+        };
+        self.vehicles.iter().flat_map(of_vehicle).chain(self.terrain.grid.clone()).collect()
+    }
+}
+
 /// `[camera]`.
 #[derive(Clone, Debug)]
 pub struct CameraSettings {

@@ -100,6 +100,8 @@ pub enum Block {
     },
     /// A table.
     Table(Table),
+    /// A table whose cells are shaded by their values.
+    Grid(Grid),
     /// Drawings side by side.
     Figure {
         /// By which it is quoted.
@@ -118,6 +120,58 @@ pub struct Panel {
     pub label: String,
     /// The drawing.
     pub svg: String,
+}
+
+/// A table whose cells are shaded by their values.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Grid {
+    /// What it says.
+    pub caption: String,
+    /// What lies down and across.
+    pub corner: String,
+    /// Its head.
+    pub head: Vec<String>,
+    /// Its rows.
+    pub rows: Vec<GridRow>,
+}
+
+/// A row of a grid.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct GridRow {
+    /// What it is of.
+    pub label: String,
+    /// Its cells.
+    pub cells: Vec<GridCell>,
+}
+
+/// A cell of a grid.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct GridCell {
+    /// What it says.
+    pub text: String,
+    /// What is said where one points at it.
+    pub more: String,
+    /// Its colour and that of its letters.
+    pub colour: String,
+    /// See `colour`.
+    pub ink: &'static str,
+    /// Whether it has a frame.
+    pub marked: bool,
+}
+
+impl GridCell {
+    /// A cell shaded by a share, from 0 (pale) to 1 (dark); grey where it has none.
+    pub fn shaded(text: String, more: String, share: Option<f64>) -> Self {
+        let Some(share) = share.filter(|share| share.is_finite()) else {
+            return GridCell { text, more, colour: "#ddd".to_owned(), ink: "#111", marked: false };
+        };
+        let share = share.clamp(0.0, 1.0);
+        // Darker is worse, from nearly white to deep blue.
+        let mix = |pale: f64, dark: f64| (pale + share * (dark - pale)).round() as u8;
+        let colour = format!("#{:02x}{:02x}{:02x}", mix(238.0, 8.0), mix(245.0, 48.0), mix(252.0, 107.0));
+        let ink = if share > 0.5 { "#fff" } else { "#111" };
+        GridCell { text, more, colour, ink, marked: false }
+    }
 }
 
 /// A table.

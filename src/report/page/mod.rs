@@ -11,6 +11,7 @@ mod facts;
 mod figure;
 mod residuals;
 mod shape;
+mod study;
 #[cfg(test)]
 mod tests;
 mod track;
@@ -22,6 +23,7 @@ use content::{Headline, Section};
 use facts::Facts;
 pub use facts::changed_inputs;
 use serde_json::Value;
+pub use study::{StudyPage, study_page};
 
 /// So many vehicles get figures; the others are in the tables.
 const MOST_DRAWN: usize = 8;
@@ -76,7 +78,7 @@ pub fn page(input: &PageInput) -> String {
     sections.push(facts::interior(facts, input.problem));
     sections.push(tracks(input));
     sections.push(shapes(input));
-    render(input.name, &headlines(input), &sections)
+    render(input.name, &REPORT, &headlines(input), &sections)
 }
 
 fn headlines(input: &PageInput) -> Vec<Headline> {
@@ -146,13 +148,27 @@ fn tracks(input: &PageInput) -> Section {
     section
 }
 
-fn render(title: &str, headlines: &[Headline], sections: &[Section]) -> String {
+/// What a page is.
+struct Told {
+    kind: &'static str,
+    about: &'static str,
+    footer: &'static str,
+}
+
+const REPORT: Told = Told {
+    kind: "adjustment report",
+    about: "Bundle adjustment of moving vehicles, held against what it was never adjusted to.",
+    footer: "Lengths in metres or centimetres, angles in degrees, times in seconds of the video. A difference is result minus reference.",
+};
+
+fn render(title: &str, told: &Told, headlines: &[Headline], sections: &[Section]) -> String {
     let mut environment = minijinja::Environment::new();
     environment.set_auto_escape_callback(|_| minijinja::AutoEscape::Html);
     environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
     let template =
         environment.template_from_str(include_str!("page.html")).expect("the template that the tests render");
     let program = concat!("trackbundle ", env!("CARGO_PKG_VERSION"));
-    let context = minijinja::context! { title, headlines, sections, program };
+    let Told { kind, about, footer } = told;
+    let context = minijinja::context! { title, kind, about, footer, headlines, sections, program };
     template.render(context).expect("the template that the tests render")
 }

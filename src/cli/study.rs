@@ -1,0 +1,168 @@
+//! `trackbundle study` and `trackbundle plan`.
+
+use super::Failure;
+use super::options::{command_told, set_threads};
+use super::output::{counted, print, steps};
+use super::simulate::invalid;
+use crate::report::folder::{Holds, Staged, check_place};
+use crate::report::{StudyReport, plan_table, study_files};
+use crate::study::plan::plan;
+use crate::study::summary::rows;
+use crate::study::{Kept, Outcome, Study, StudyError, read_study, run as run_study};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// Arguments of both commands.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The study (docs/studies.md); some are in problems/studies
+    study: PathBuf,
+
+    /// Where the tables and the page go. What is done is kept in DIR.unfinished until all is: the same command goes
+    /// on with it
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+
+    /// Runs of the Monte Carlo in each cell, in place of those of the study; 0: none
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    runs: Option<u32>,
+
+    /// Threads to compute with; their number does not change the result [default: all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+
+    /// Print neither progress nor a summary; errors are always printed
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+impl From<StudyError> for Failure {
+    fn from(error: StudyError) -> Self {
+        match error {
+            StudyError::Other(_) => Failure::Usage(error.to_string()),
+            StudyError::Io(..) => Failure::Other(error.to_string()),
+        }
+    }
+}
+
+/// Runs `study`.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    run_either(arguments, false)
+}
+
+/// Runs `plan`.
+pub fn run_plan(arguments: &Arguments) -> Result<(), Failure> {
+    run_either(arguments, true)
+}
+
+/// Where a study is kept until it is whole.
+fn unfinished(out: &Path) -> PathBuf {
+    let mut name = out.file_name().unwrap_or_default().to_owned();
+    name.push(".unfinished");
+    out.with_file_name(name)
+}
+
+fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
+    check_place(&arguments.out, Holds::Study)?;
+    let mut study = read_study(&arguments.study).map_err(|findings| invalid(&arguments.study, findings))?;
+    if is_plan && study.wanted.is_none() {
+        return Err(Failure::Usage(format!(
+            "{} has no table [wanted] that says what is to be reached",
+            arguments.study.display()
+        )));
+    }
+    if is_plan {
+        study.runs = 0;
+    }
+    if let Some(runs) = arguments.runs {
+        if runs == 1 {
+            return Err(Failure::Usage("one run has no scatter: two or more are wanted".to_owned()));
+        }
+        study.runs = runs as usize;
+    }
+    set_threads(arguments.threads)?;
+    study.inputs = format!("# {} runs\n{}", study.runs, study.inputs);
+    let kept = Kept::open(&unfinished(&arguments.out), &study)?;
+    let outcomes = {
+        let told = steps(arguments.quiet);
+        run_study(&study, &kept, &*told)?
+    };
+    let vehicles = (0..study.scenarios.len()).map(|scenario| {
+        let first = crate::study::Cell { scenario, values: vec![0; study.axes.len()] };
+        let found = study.scenario(&first).map_err(Failure::Other)?;
+        Ok(found.vehicles.iter().map(|vehicle| vehicle.id.clone()).collect())
+    });
+    let vehicles: Vec<Vec<String>> = vehicles.collect::<Result<_, Failure>>()?;
+    let (choices, cheapest) = plan(&study, &outcomes);
+    let report = StudyReport {
+        study: &study,
+        vehicles: &vehicles,
+        outcomes: &outcomes,
+        command: &command_told(&arguments.study),
+        plan: is_plan.then_some((choices.as_slice(), cheapest)),
+    };
+    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
+    let staged = Staged::begin(&arguments.out, Holds::Study)?;
+    for file in study_files(&report) {
+        staged.write(&file).map_err(failed)?;
+    }
+    let folder = staged.publish().map_err(failed)?;
+    kept.remove().map_err(failed)?;
+    if !arguments.quiet {
+        let mut text = summary(&study, &outcomes);
+        if is_plan {
+            text += &plan_told(&study, &report);
+        }
+        text += &format!("folder      {}\n", folder.display());
+        print(&text)?;
+    }
+    if is_plan && cheapest.is_none() {
+        return Err(Failure::NoSolution(
+            "no cell reaches what is wanted; plan.csv has those that come nearest first".to_owned(),
+        ));
+    }
+    Ok(())
+}
+
+fn summary(study: &Study, outcomes: &[Outcome]) -> String {
+    let without = outcomes.iter().filter(|outcome| outcome.prediction.is_err()).count();
+    let mut text = format!("study       {}, {}", study.name, counted(outcomes.len(), "cell"));
+    if without > 0 {
+        text += &format!(", {without} of them cannot be computed (cells.csv says why)");
+    }
+    text.push('\n');
+    let all = rows(outcomes);
+    let ratios: Vec<[f64; 3]> = all.iter().filter_map(|row| row.ratio).collect();
+    if !ratios.is_empty() {
+        let least = ratios.iter().map(|ratio| ratio[0]).fold(f64::INFINITY, f64::min);
+        let most = ratios.iter().map(|ratio| ratio[0]).fold(0.0, f64::max);
+        let failed: usize =
+            outcomes.iter().flat_map(|outcome| &outcome.runs).filter(|run| run.is_err()).count();
+        text += &format!(
+            "observed    over expected {least:.2} to {most:.2} from {} of each cell, {} without a result\n",
+            counted(study.runs, "run"),
+            failed
+        );
+    }
+    text
+}
+
+/// How many rows of a plan are printed.
+const ROWS: usize = 10;
+
+fn plan_told(study: &Study, report: &StudyReport) -> String {
+    let Some((choices, cheapest)) = report.plan else { return String::new() };
+    let (header, rows) = plan_table(study, choices, cheapest);
+    let shown: Vec<&Vec<String>> = std::iter::once(&header).chain(rows.iter().take(ROWS)).collect();
+    let width = |column: usize| shown.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..header.len()).map(width).collect();
+    let feasible = choices.iter().filter(|choice| choice.is_feasible()).count();
+    let mut text =
+        format!("plan        {feasible} of {} reach what is wanted\n", counted(choices.len(), "cell"));
+    for row in shown {
+        let cells: Vec<String> =
+            row.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}")).collect();
+        text += &format!("            {}\n", cells.join("  ").trim_end());
+    }
+    text
+}

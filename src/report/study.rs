@@ -1,0 +1,104 @@
+//! The folder of a study or of a plan: tables, a page, and what it was made of.
+
+use super::folder::{PROGRAM, PROGRAM_KEY};
+use super::page::{StudyPage, study_page};
+use super::{File, tables::text_table};
+use crate::study::plan::Choice;
+use crate::study::summary::{name, number, table};
+use crate::study::{Outcome, Study, told};
+use serde_json::json;
+
+/// A study with what came out of it.
+#[derive(Clone, Copy)]
+pub struct StudyReport<'a> {
+    /// The study.
+    pub study: &'a Study,
+    /// Ids of the vehicles of each scenario.
+    pub vehicles: &'a [Vec<String>],
+    /// What came out of each cell.
+    pub outcomes: &'a [Outcome],
+    /// The command that was given.
+    pub command: &'a str,
+    /// Of a plan: its choices, and the cheapest that reaches what is wanted.
+    pub plan: Option<(&'a [Choice], Option<usize>)>,
+}
+
+/// The files of the folder.
+pub fn study_files(report: &StudyReport) -> Vec<File> {
+    let StudyReport { study, vehicles, outcomes, command, plan } = *report;
+    let (header, rows) = table(study, vehicles, outcomes);
+    let mut files = vec![("cells.csv".to_owned(), text_table(&header, &rows))];
+    if let Some((choices, cheapest)) = plan {
+        let (header, rows) = plan_table(study, choices, cheapest);
+        files.push(("plan.csv".to_owned(), text_table(&header, &rows)));
+    }
+    let page = study_page(&StudyPage { study, vehicles, outcomes, command, plan });
+    files.push(("report.html".to_owned(), page.into_bytes()));
+    let failed: usize = outcomes.iter().map(|o| o.runs.iter().filter(|run| run.is_err()).count()).sum();
+    let summary = json!({
+        PROGRAM_KEY: PROGRAM,
+        "version": env!("CARGO_PKG_VERSION"),
+        "command": command,
+        "name": study.name,
+        "title": study.title,
+        "scenarios": study.scenarios.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
+        "axes": study.axes.iter().map(|axis| json!({
+            "parameter": axis.parameter,
+            "values": axis.values.iter().map(told).collect::<Vec<_>>(),
+        })).collect::<Vec<_>>(),
+        "cells": outcomes.len(),
+        "cells_not_computed": outcomes.iter().filter(|o| o.prediction.is_err()).count(),
+        "runs_per_cell": study.runs,
+        "runs_without_result": failed,
+        "inputs": study.inputs,
+    });
+    let mut text = serde_json::to_string_pretty(&summary).expect("plain values");
+    text.push('\n');
+    files.push(("study.json".to_owned(), text.into_bytes()));
+    files
+}
+
+/// The header and rows of `plan.csv`: every cell, the cheapest that reaches what is wanted first, then the others that
+/// do, then those that do not, the nearest first.
+pub fn plan_table(
+    study: &Study,
+    choices: &[Choice],
+    cheapest: Option<usize>,
+) -> (Vec<String>, Vec<Vec<String>>) {
+    let mut header: Vec<String> = ["cell", "scenario"].map(str::to_owned).to_vec();
+    header.extend(study.axes.iter().map(|axis| axis.parameter.clone()));
+    header.extend(
+        ["feasible", "cheapest", "worst_ratio", "worst_quantity", "view_m2", "targets", "points"]
+            .map(str::to_owned),
+    );
+    let cells = study.cells();
+    let mut order: Vec<&Choice> = choices.iter().collect();
+    order.sort_by(|a, b| {
+        let rank = |c: &Choice| (Some(c.cell) != cheapest, !c.is_feasible());
+        let view = |c: &Choice| if c.is_feasible() { -c.view_m2 } else { 0.0 };
+        rank(a)
+            .cmp(&rank(b))
+            .then(view(a).total_cmp(&view(b)))
+            .then(a.worst.0.total_cmp(&b.worst.0))
+            .then(a.cell.cmp(&b.cell))
+    });
+    let rows = order.into_iter().map(|choice| {
+        let cell = &cells[choice.cell];
+        let mut row = vec![choice.cell.to_string(), study.scenarios[cell.scenario].name.clone()];
+        row.extend(study.axes.iter().zip(&cell.values).map(|(axis, at)| told(&axis.values[*at])));
+        let yes = |is: bool| if is { "yes" } else { "no" }.to_owned();
+        let effort =
+            choice.effort.map(|count| if count == usize::MAX { String::new() } else { count.to_string() });
+        row.extend([
+            yes(choice.is_feasible()),
+            yes(Some(choice.cell) == cheapest),
+            number(Some(choice.worst.0)),
+            name(choice.worst.1)[0].to_owned(),
+            number(Some(choice.view_m2)),
+        ]);
+        row.extend(effort);
+        row
+    });
+    let rows = rows.collect();
+    (header, rows)
+}

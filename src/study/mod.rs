@@ -1,0 +1,167 @@
+//! How accurate will it be: scenarios over a grid of their parameters, predicted by covariance and confirmed by
+//! Monte Carlo.
+//!
+//! ```text
+//! STUDY.toml -> cells -> prediction of each (truth -> covariance)      -> summary -> table, page, plan
+//!                     -> runs of each (truth + errors -> adjustment)  /
+//! ```
+//!
+//! What is done is kept in a folder until all is, so that a study that was interrupted goes on. Whatever is computed is
+//! read back from there: the numbers are the same in one go and in many.
+
+pub mod cell;
+mod parts;
+pub mod plan;
+pub mod settings;
+pub mod summary;
+
+pub use cell::{Prediction, RunErrors};
+use cell::{Prepared, predict};
+use parts::Part;
+use rayon::prelude::*;
+pub use settings::{Axis, Cell, Study, Wanted, read_study, told};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Runs that are kept in one file.
+const CHUNK: usize = 10;
+/// The file that says what the folder is for.
+const INPUTS: &str = "inputs.toml";
+
+/// What came out of a cell.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What is expected, or why nothing can be said.
+    pub prediction: Result<Prediction, String>,
+    /// The runs of its Monte Carlo.
+    pub runs: Vec<Result<RunErrors, String>>,
+}
+
+/// Why a study could not go on.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// A folder of another study is in the way.
+    #[error(
+        "{0} holds what is done of another study, or of this one before its files changed; it is left as it is (remove it, or choose another place with --out)"
+    )]
+    Other(PathBuf),
+    /// A file.
+    #[error("{0}: {1}")]
+    Io(PathBuf, io::Error),
+}
+
+/// What is done of a study.
+pub struct Kept {
+    folder: PathBuf,
+}
+
+impl Kept {
+    /// Goes on with what is in `folder`, or begins there.
+    pub fn open(folder: &Path, study: &Study) -> Result<Kept, StudyError> {
+        let failed = |error| StudyError::Io(folder.to_owned(), error);
+        // Another version may compute other numbers.
+        let inputs = format!("# trackbundle {}\n{}", env!("CARGO_PKG_VERSION"), study.inputs);
+        let file = folder.join(INPUTS);
+        if std::fs::symlink_metadata(folder).is_ok() {
+            let is_same = std::fs::read_to_string(&file).is_ok_and(|text| text == inputs);
+            return if is_same {
+                Ok(Kept { folder: folder.to_owned() })
+            } else {
+                Err(StudyError::Other(folder.to_owned()))
+            };
+        }
+        // Never a folder without its inputs.
+        let begun = folder.with_extension("begun");
+        let _ = std::fs::remove_dir_all(&begun);
+        std::fs::create_dir_all(&begun).map_err(failed)?;
+        std::fs::write(begun.join(INPUTS), inputs).map_err(failed)?;
+        std::fs::rename(&begun, folder).map_err(failed)?;
+        Ok(Kept { folder: folder.to_owned() })
+    }
+
+    fn read<P: Part>(&self, name: &str) -> Option<P> {
+        P::from_text(&std::fs::read_to_string(self.folder.join(name)).ok()?)
+    }
+
+    fn write<P: Part>(&self, name: &str, part: &P) -> Result<(), StudyError> {
+        let failed = |error| StudyError::Io(self.folder.clone(), error);
+        let unfinished = self.folder.join(format!("{name}.unfinished"));
+        std::fs::write(&unfinished, part.to_text()).map_err(failed)?;
+        std::fs::rename(&unfinished, self.folder.join(name)).map_err(failed)
+    }
+
+    /// Takes it away, when the study is whole.
+    pub fn remove(self) -> io::Result<()> {
+        std::fs::remove_dir_all(self.folder)
+    }
+}
+
+/// How far a study is: steps that are done, of how many.
+pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
+
+/// What came out of every cell, in their order. `told` hears of each step.
+pub fn run(study: &Study, kept: &Kept, told: Told<'_>) -> Result<Vec<Outcome>, StudyError> {
+    let cells = study.cells();
+    let chunks = study.runs.div_ceil(CHUNK);
+    let all = cells.len() * (1 + chunks);
+    let done = AtomicUsize::new(0);
+    let step = || told(done.fetch_add(1, Ordering::Relaxed) + 1, all);
+    let prepared: Vec<OnceLock<Result<Prepared, String>>> = cells.iter().map(|_| OnceLock::new()).collect();
+    let prediction_file = |at: usize| format!("cell-{at:06}");
+    let scenario = |at: usize| study.scenario(&cells[at]);
+    (0..cells.len()).into_par_iter().with_max_len(1).try_for_each(|at| {
+        if kept.read::<Result<Prediction, String>>(&prediction_file(at)).is_none() {
+            let found = scenario(at).and_then(|scenario| predict(&scenario));
+            let (prediction, own) = match found {
+                Ok((prediction, own)) => (Ok(prediction), Ok(own)),
+                Err(why) => (Err(why.clone()), Err(why)),
+            };
+            kept.write(&prediction_file(at), &prediction)?;
+            if chunks > 0 {
+                let _ = prepared[at].set(own);
+            }
+        }
+        step();
+        Ok(())
+    })?;
+    let chunk_file = |at: usize, chunk: usize| format!("cell-{at:06}-runs-{chunk:06}");
+    let is_missing = |at: usize, chunk: usize| {
+        kept.read::<Vec<Result<RunErrors, String>>>(&chunk_file(at, chunk)).is_none()
+    };
+    // Before the runs, and not by the first that needs it: a thread that waits for its own work to be done
+    // elsewhere may take up another run of the same cell.
+    (0..cells.len()).into_par_iter().with_max_len(1).for_each(|at| {
+        if prepared[at].get().is_none() && (0..chunks).any(|chunk| is_missing(at, chunk)) {
+            let found = scenario(at).and_then(|scenario| predict(&scenario));
+            let _ = prepared[at].set(found.map(|(_, own)| own));
+        }
+    });
+    (0..cells.len() * chunks).into_par_iter().with_max_len(1).try_for_each(|task| {
+        let (at, chunk) = (task / chunks, task % chunks);
+        if is_missing(at, chunk) {
+            let numbers = chunk * CHUNK..((chunk + 1) * CHUNK).min(study.runs);
+            let runs: Vec<Result<RunErrors, String>> = match prepared[at].get() {
+                Some(Ok(own)) => numbers.map(|number| own.run(number as u64)).collect(),
+                // The cell says why.
+                _ => Vec::new(),
+            };
+            kept.write(&chunk_file(at, chunk), &runs)?;
+        }
+        step();
+        Ok(())
+    })?;
+    let gone =
+        || StudyError::Io(kept.folder.clone(), io::Error::other("a file that was just written is gone"));
+    (0..cells.len())
+        .map(|at| {
+            let prediction = kept.read(&prediction_file(at)).ok_or_else(gone)?;
+            let mut runs: Vec<Result<RunErrors, String>> = Vec::new();
+            for chunk in 0..chunks {
+                runs.extend(kept.read::<Vec<_>>(&chunk_file(at, chunk)).ok_or_else(gone)?);
+            }
+            Ok(Outcome { prediction, runs })
+        })
+        .collect()
+}

@@ -1,0 +1,263 @@
+//! `STUDY.toml`: scenarios, what varies of them, and what is wanted.
+
+use crate::files::section::{Document, Section};
+use crate::simulate::scenario::Scenario;
+use crate::simulate::{Value, parse, vary};
+use crate::tables::{Finding, Findings};
+use std::path::{Path, PathBuf};
+
+/// The most cells, and the most runs of each.
+const MOST_CELLS: usize = 100_000;
+const MOST_RUNS: f64 = 1e6;
+
+/// A study.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// Its name.
+    pub name: String,
+    /// What it asks, in a line.
+    pub title: String,
+    /// The scenarios, one at least.
+    pub scenarios: Vec<BaseScenario>,
+    /// What varies of each.
+    pub axes: Vec<Axis>,
+    /// Runs of the Monte Carlo in each cell; 0: none.
+    pub runs: usize,
+    /// What a plan must reach.
+    pub wanted: Option<Wanted>,
+    /// All that it depends on, as text.
+    pub inputs: String,
+}
+
+/// A scenario that is varied.
+#[derive(Clone, Debug)]
+pub struct BaseScenario {
+    /// Its name.
+    pub name: String,
+    file: PathBuf,
+    text: String,
+    set: Vec<(String, Value)>,
+}
+
+/// A parameter and its values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// Where it stands in the scenario.
+    pub parameter: String,
+    /// What people call it.
+    pub label: String,
+    /// What it takes.
+    pub values: Vec<Value>,
+}
+
+/// What a plan must reach; standard deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wanted {
+    /// Of the track in the plan: both coordinates together \[m\].
+    pub track_m: Option<f64>,
+    /// Of its height \[m\].
+    pub height_m: Option<f64>,
+    /// Of the speed \[m/s\].
+    pub speed_mps: Option<f64>,
+    /// Of the heading \[deg\].
+    pub heading_deg: Option<f64>,
+    /// Of a point of the shape: all coordinates together \[m\].
+    pub shape_m: Option<f64>,
+    /// Of the scale, relative.
+    pub scale: Option<f64>,
+}
+
+/// One combination of values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cell {
+    /// Which scenario.
+    pub scenario: usize,
+    /// Which value of each axis.
+    pub values: Vec<usize>,
+}
+
+/// A value as it is written in a table.
+pub fn told(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Float(number) => number.to_string(),
+        other => other.to_string(),
+    }
+}
+
+/// Reads a study.
+pub fn read_study(path: &Path) -> Result<Study, Findings> {
+    let file = path
+        .file_name()
+        .map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let refused = |finding| {
+        let mut findings = Findings::default();
+        findings.error(finding);
+        findings
+    };
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| refused(Finding::of_file(&file, "a study that can be read", &error.to_string())))?;
+    let (study, findings) = Document::new(&file, &text).strict().read(|top| read(top, folder));
+    let mut study = match study.flatten() {
+        Some(study) if !findings.is_invalid() => study,
+        _ => return Err(findings),
+    };
+    study.inputs = text;
+    for base in &study.scenarios {
+        study.inputs += &format!("\n# {}\n{}", base.name, base.text);
+    }
+    // Every value of every axis at least once, before anything is computed.
+    let mut findings = Findings::default();
+    let mut files = std::collections::BTreeSet::new();
+    let checked =
+        |scenario: usize, values: &[usize]| study.scenario(&Cell { scenario, values: values.to_vec() });
+    for scenario in 0..study.scenarios.len() {
+        let first = vec![0; study.axes.len()];
+        let mut choices = vec![first.clone()];
+        for (at, axis) in study.axes.iter().enumerate() {
+            for value in 1..axis.values.len() {
+                let mut choice = first.clone();
+                choice[at] = value;
+                choices.push(choice);
+            }
+        }
+        for choice in choices {
+            match checked(scenario, &choice) {
+                Ok(found) => files.extend(found.files()),
+                Err(why) => {
+                    let what = study.told(&Cell { scenario, values: choice });
+                    findings.error(Finding::of_file(&file, &format!("a scenario with {what}"), &why));
+                }
+            }
+        }
+    }
+    if findings.is_invalid() {
+        return Err(findings);
+    }
+    for path in files {
+        let digest = std::fs::read(&path).map_or(0, |bytes| fingerprint(&bytes));
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        study.inputs += &format!("\n# {name} {digest:016x}");
+    }
+    Ok(study)
+}
+
+/// A number that tells files apart (FNV-1a).
+fn fingerprint(bytes: &[u8]) -> u64 {
+    bytes
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+fn read(top: &Section, folder: &Path) -> Option<Study> {
+    let format = top.required("format", "1", || top.integer("format"));
+    if format.is_some_and(|format| format != 1) {
+        top.error("format", "1");
+    }
+    let name = top.required("name", "a text", || top.text("name"));
+    let title = top.text("title").unwrap_or_default();
+    let names = match top.has("scenarios") {
+        true => top.texts("scenarios").unwrap_or_default(),
+        false => {
+            top.required("scenario", "the file of a scenario", || top.text("scenario")).into_iter().collect()
+        }
+    };
+    let set: Vec<(String, Value)> = top.free_table("set").unwrap_or_default().into_iter().collect();
+    let mut scenarios = Vec::new();
+    for name in names {
+        let file = folder.join(&name);
+        match std::fs::read_to_string(&file) {
+            Ok(text) => {
+                let name = file.file_stem().map_or(name, |stem| stem.to_string_lossy().into_owned());
+                scenarios.push(BaseScenario { name, file, text, set: set.clone() });
+            }
+            Err(error) => {
+                let key = if top.has("scenarios") { "scenarios" } else { "scenario" };
+                top.error(key, &format!("the file of a scenario ({}: {error})", file.display()));
+            }
+        }
+    }
+    let axes: Vec<Axis> = top
+        .tables("axis", |axis| {
+            let parameter =
+                axis.required("parameter", "a key of the scenario, such as flight.altitude_m", || {
+                    axis.text("parameter")
+                })?;
+            let label = axis.text("label").unwrap_or_else(|| parameter.clone());
+            let values = axis.required("values", "an array of values", || axis.values("values"))?;
+            let is_value = |v: &Value| !matches!(v, Value::Array(_) | Value::Table(_) | Value::Datetime(_));
+            if !values.iter().all(is_value) {
+                axis.error("values", "numbers, texts, true or false");
+            }
+            Some(Axis { parameter, label, values })
+        })
+        .into_iter()
+        .flatten()
+        .collect();
+    let cells = axes.iter().fold(scenarios.len(), |all, axis| all.saturating_mul(axis.values.len()));
+    if cells > MOST_CELLS {
+        top.error("axis", &format!("at most {MOST_CELLS} cells, not {cells}"));
+    }
+    let runs = top.table("monte_carlo", |section| {
+        let wanted = "a whole number of runs, two at least";
+        let right = |v: f64| v.fract() == 0.0 && (2.0..=MOST_RUNS).contains(&v);
+        section.required("runs", wanted, || section.number("runs", wanted, right))
+    });
+    let wanted = top.table("wanted", |section| Wanted {
+        track_m: section.positive("track_m"),
+        height_m: section.positive("height_m"),
+        speed_mps: section.positive("speed_mps"),
+        heading_deg: section.positive("heading_deg"),
+        shape_m: section.positive("shape_m"),
+        scale: section.positive("scale"),
+    });
+    if wanted.is_some_and(|wanted| wanted == Wanted::default()) {
+        top.error("wanted", "one standard deviation or more");
+    }
+    let runs = runs.flatten().map_or(0, |runs| runs as usize);
+    Some(Study { name: name?, title, scenarios, axes, runs, wanted, inputs: String::new() })
+}
+
+impl Study {
+    /// All cells: the last axis varies fastest.
+    pub fn cells(&self) -> Vec<Cell> {
+        let mut cells = Vec::new();
+        for scenario in 0..self.scenarios.len() {
+            let mut choices = vec![Vec::new()];
+            for axis in &self.axes {
+                let longer = |choice: &Vec<usize>| {
+                    let choice = choice.clone();
+                    (0..axis.values.len()).map(move |value| [choice.clone(), vec![value]].concat())
+                };
+                choices = choices.iter().flat_map(longer).collect();
+            }
+            cells.extend(choices.into_iter().map(|values| Cell { scenario, values }));
+        }
+        cells
+    }
+
+    /// The scenario of a cell; the error says what is wrong with it.
+    pub fn scenario(&self, cell: &Cell) -> Result<Scenario, String> {
+        let base = &self.scenarios[cell.scenario];
+        let set = base.set.iter().map(|(key, value)| (key.as_str(), value));
+        let own =
+            self.axes.iter().zip(&cell.values).map(|(axis, at)| (axis.parameter.as_str(), &axis.values[*at]));
+        let text = vary(&base.text, &set.chain(own).collect::<Vec<_>>())?;
+        let file = base.file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        parse(&file, &text, base.file.parent().unwrap_or(Path::new(""))).map_err(|findings| {
+            // Lines are those of a text that nobody has seen.
+            let told = findings.errors().map(|f| Finding { line: None, ..f.clone() }.to_string());
+            told.collect::<Vec<_>>().join("; ")
+        })
+    }
+
+    /// A cell in words.
+    pub fn told(&self, cell: &Cell) -> String {
+        let mut parts = vec![self.scenarios[cell.scenario].name.clone()];
+        for (axis, at) in self.axes.iter().zip(&cell.values) {
+            parts.push(format!("{} = {}", axis.parameter, told(&axis.values[*at])));
+        }
+        parts.join(", ")
+    }
+}
