@@ -17,6 +17,7 @@ use crate::terrain::NoGround;
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector2, Vector3};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeSet;
 
 /// A row is found so exactly \[s\].
 const ROW_TOLERANCE_S: f64 = 1e-9;
@@ -89,12 +90,17 @@ struct Ride<'w> {
     path: &'w PlanPath,
     /// Height, roll and pitch over the ground.
     bumps: [Curve; 3],
+    /// Beside the path.
+    side: Curve,
     bias_m: f64,
 }
 
 impl Ride<'_> {
     fn pose(&self, world: &World, time_s: f64) -> Result<Pose, NoGround> {
-        let [x, y, heading] = self.path.at(time_s);
+        let [mut x, mut y, heading] = self.path.at(time_s);
+        let (side_m, (sin, cos)) = (self.side.at(time_s)[0], heading[0].sin_cos());
+        x[0] -= sin * side_m;
+        y[0] += cos * side_m;
         let ground = world.terrain.at(x[0], y[0])?;
         let [height, mut roll, mut pitch] = [0, 1, 2].map(|k| self.bumps[k].at(time_s)[0]);
         let h = 0.5 * FINE as f64 / world.scenario.film.rate_hz;
@@ -172,7 +178,9 @@ impl World {
                 let bumps = [0, 1, 2].map(|k| {
                     wander(&mut rng(Purpose::Ride, 3 * at + k), bumps[k], terrain.correlation_s, times)
                 });
-                Ride { settings, path, bumps, bias_m }
+                let mut beside = rng(Purpose::Beside, at);
+                let side = wander(&mut beside, settings.side_wander_m, settings.wander_s, times);
+                Ride { settings, path, bumps, side, bias_m }
             })
             .collect();
         let mut of_camera = rng(Purpose::CameraPath, 0);
@@ -210,6 +218,7 @@ impl World {
 
         let (mut vehicles, mut found, mut velocities, mut gross) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut wrong_tracks = Vec::new();
         let mut references = Vec::new();
         let mut receivers: Vec<(Receiver, ReceiverEstimate)> = Vec::new();
         for (at, ride) in rides.iter().enumerate() {
@@ -223,6 +232,7 @@ impl World {
             let place_of = |place: Point3<f64>| move |t: f64| Some(ride.pose(self, t).ok()? * place);
             let sights = self.sights(at, &errors, &poses, &cameras, &seen, &place_of);
             gross.extend(sights.gross);
+            wrong_tracks.push(sights.wrong_tracks);
             let marker = self.vehicles[at].body.marker;
             let step = 1e-3 / rate_hz;
             let velocity = |frame: usize| {
@@ -317,7 +327,7 @@ impl World {
             readout_s,
             receivers: receivers.into_iter().map(|(_, found)| found).collect(),
         };
-        Ok(Film { problem, truth, velocities, gross, references })
+        Ok(Film { problem, truth, velocities, gross, wrong_tracks, references })
     }
 
     /// The camera as it really is.
@@ -465,6 +475,7 @@ struct Sights {
     points: Vec<(String, Point3<f64>)>,
     observations: Vec<VehicleObservation>,
     gross: Vec<(i64, Option<usize>, String)>,
+    wrong_tracks: BTreeSet<String>,
 }
 
 impl World {
@@ -560,7 +571,10 @@ impl World {
         }
         observations.sort_by_key(|o| (o.frame, o.point));
         let points = order.iter().map(|at| (tracks[*at].id.clone(), tracks[*at].place)).collect();
-        Sights { points, observations, gross }
+        let is_wrong = |fate: &Fate| !matches!(fate, Fate::Good);
+        let wrong = tracks.iter().zip(&fates).filter(|(_, fate)| is_wrong(fate));
+        let wrong_tracks = wrong.map(|(track, _)| track.id.clone()).collect();
+        Sights { points, observations, gross, wrong_tracks }
     }
 }
 

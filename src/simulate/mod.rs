@@ -28,6 +28,7 @@ pub use folder::simulated_files;
 use nalgebra::{Point3, Vector2, Vector3};
 pub use read::parse;
 use scenario::{PathSettings, Scenario, VehicleSettings};
+use std::collections::BTreeSet;
 use std::path::Path;
 pub use vary::{ABSENT, Value, vary};
 use wander::{Purpose, stream};
@@ -77,6 +78,8 @@ pub struct Film {
     pub velocities: Vec<Vec<Vector3<f64>>>,
     /// Gross errors: frame, vehicle (or none, for a target), point or target.
     pub gross: Vec<(i64, Option<usize>, String)>,
+    /// For each vehicle the points whose tracks are, in part or whole, of something else.
+    pub wrong_tracks: Vec<BTreeSet<String>>,
     /// Positions of a receiver on each vehicle that are only to compare with.
     pub references: Vec<Vec<GnssPosition>>,
 }

@@ -197,6 +197,7 @@ mod tests {
             heading_deg: 30.0,
             path,
             wander_m: 0.0,
+            side_wander_m: 0.0,
             yaw_wander_deg: 0.0,
             wander_s: 4.0,
             pitch_by_acceleration: 0.0,

@@ -47,7 +47,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         sigma_m: 0.02,
         correlation_s: 1.0,
         bias_sigma_m: 0.0,
-        tilt_sigma_deg: 0.5,
+        tilt_sigma_deg: 0.1,
     });
     let mut vehicles: Vec<VehicleSettings> = Vec::new();
     let found = top.tables("vehicle", |section| {
@@ -243,7 +243,7 @@ fn read_terrain(terrain: &Section, folder: &Path) -> TerrainSettings {
         sigma_m: or("sigma_m", 0.02),
         correlation_s: terrain.positive("correlation_s").unwrap_or(1.0),
         bias_sigma_m: or("bias_sigma_m", 0.0),
-        tilt_sigma_deg: or("tilt_sigma_deg", 0.5),
+        tilt_sigma_deg: or("tilt_sigma_deg", 0.1),
     }
 }
 
@@ -296,7 +296,8 @@ fn vehicle(vehicle: &Section, folder: &Path) -> Option<VehicleSettings> {
         heading_deg: number("heading_deg"),
         path,
         wander_m: or("wander_m", 0.2),
-        yaw_wander_deg: or("yaw_wander_deg", 0.5),
+        side_wander_m: or("side_wander_m", 0.2),
+        yaw_wander_deg: or("yaw_wander_deg", 0.8),
         wander_s: vehicle.positive("wander_s").unwrap_or(4.0),
         pitch_by_acceleration: number("pitch_deg_per_mps2"),
         roll_by_acceleration: number("roll_deg_per_mps2"),

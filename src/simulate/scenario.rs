@@ -194,9 +194,11 @@ pub struct VehicleSettings {
     pub path: PathSettings,
     /// How far it is ahead of or behind its plan.
     pub wander_m: f64,
+    /// How far it is beside its plan, its heading unmoved.
+    pub side_wander_m: f64,
     /// How far its heading is off its plan.
     pub yaw_wander_deg: f64,
-    /// How long both last.
+    /// How long all of that lasts.
     pub wander_s: f64,
     /// Pitch by acceleration, nose up \[deg s^2/m\].
     pub pitch_by_acceleration: f64,

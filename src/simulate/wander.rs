@@ -33,6 +33,7 @@ pub enum Purpose {
     Knowledge,
     Calibration,
     Gnss,
+    Beside,
 }
 
 /// Streams of a run.

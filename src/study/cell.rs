@@ -12,7 +12,7 @@ use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
 /// Of a shape those points count that are known best; so many of all.
-pub const BEST_SHARE: f64 = 0.9;
+pub const BEST_SHARE: f64 = 0.8;
 /// Distances of which the share of points is told \[m\].
 pub const WITHIN_M: [f64; 3] = [0.01, 0.02, 0.05];
 
@@ -148,6 +148,12 @@ impl Prepared {
         let true_poses = &film.truth.vehicles[at].poses;
         // Points that chance hides, or that it alone shows, aside: those of the exact film, in its order.
         let mut found = in_order_of(problem, at, &film.problem, &estimate.vehicles[at]);
+        // A track that is of two points has no true place.
+        for (place, point) in found.points.iter_mut().zip(&vehicle.points) {
+            if film.wrong_tracks[at].contains(&point.id) {
+                *place = None;
+            }
+        }
         let truth =
             VehicleEstimate { points: true_points.clone(), poses: true_poses.clone(), ..found.clone() };
         let frame = &self.frames[at];
@@ -182,7 +188,7 @@ impl Prepared {
             scale * scale,
         ]);
         let distances: Vec<f64> =
-            (0..true_points.len()).map(|point| off(point).map_or(f64::INFINITY, |d| d.norm())).collect();
+            (0..true_points.len()).filter_map(|point| Some(off(point)?.norm())).collect();
         errors.to_points.push(shares(&distances));
         errors.to_scan.push(match &self.scans[at] {
             None => [f64::NAN; 3],

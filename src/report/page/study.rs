@@ -33,7 +33,7 @@ const HONEST: [f64; 2] = [0.9, 1.1];
 const STUDY: Told = Told {
     kind: "study",
     about: "What standard deviations an adjustment will have, from the covariance at the true state, and what was observed.",
-    footer: "Standard deviations are root mean squares over the film, of a track both coordinates together, of a shape all three, over the 90 % of its points that are known best.",
+    footer: "Standard deviations are root mean squares over the film, of a track both coordinates together, of a shape all three, over the 80 % of its points that are known best.",
 };
 const PLAN: Told = Told {
     kind: "plan",
