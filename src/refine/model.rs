@@ -927,7 +927,7 @@ fn add_motion(
     };
     let of_camera: Vec<TimedPose> =
         blocks.cameras.iter().enumerate().map(|(frame, block)| pose(frame, *block)).collect();
-    motion.add(builder, Body::Camera, &of_camera, priors.camera);
+    motion.add(builder, Body::Camera, &of_camera, priors.camera, false);
     for (at, (vehicle, blocks)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
         let seen = |(frame, block): (usize, &Option<BlockId>)| {
             let camera = Point3::from(current.camera_poses[frame].translation.vector);
@@ -936,7 +936,8 @@ fn add_motion(
             Some(TimedPose { seen_from: Some((camera, distance_m)), ..pose(frame, (*block)?) })
         };
         let poses: Vec<TimedPose> = blocks.poses.iter().enumerate().filter_map(seen).collect();
-        motion.add(builder, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle);
+        let on_ground = problem.ground.is_some();
+        motion.add(builder, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle, on_ground);
     }
     motion
 }

@@ -90,6 +90,8 @@ const TRACE_ACCURACY: Accuracy = Accuracy::Share(1e-3);
 /// trace what the others correlate with it times random signs: nothing in the mean, and little at all
 /// where they are those of different bodies.
 const BATCHES: usize = 4;
+/// A strength falls by no more than this in a step, as a logarithm, unless the plain factor does.
+const MOST_DROP: f64 = 1.2;
 /// The largest power of a factor that is applied.
 const MOST_POWER: f64 = 3.0;
 
@@ -127,11 +129,25 @@ struct Component {
     is_rotation: bool,
     order: Order,
     is_estimated: bool,
+    /// Along which axes rows say how strong it is.
+    telling: [bool; 3],
     /// Logarithm of the last factor that was asked for, and the power of it that was applied.
     last: Option<(f64, f64)>,
 }
 
 impl Component {
+    /// Of values row by row those that say how strong it is.
+    fn telling<'v>(&self, rows: impl Iterator<Item = &'v f64>) -> impl Iterator<Item = &'v f64> {
+        let telling = self.telling;
+        rows.enumerate().filter(move |(row, _)| telling[row % 3]).map(|(_, value)| value)
+    }
+
+    /// Whitened rows that say how strong it is, one measurement after the other.
+    fn telling_rows(&self, system: &System, values: &Values) -> Vec<Vec<f64>> {
+        let all = system.residuals(self.group, values);
+        all.iter().flatten().map(|rows| self.telling(rows.iter()).copied().collect()).collect()
+    }
+
     /// The power of a factor to apply. The plain iteration closes only a share of the distance each
     /// time where the prior, not the data, rules the motion; what the last factor left over says how
     /// large that share is.
@@ -223,7 +239,18 @@ const ATTITUDE: &str = "smooth attitude";
 
 impl Motion {
     /// Adds the prior of a body with these poses in time order.
-    pub fn add(&mut self, builder: &mut SystemBuilder, body: Body, poses: &[TimedPose], prior: MotionPrior) {
+    ///
+    /// Of a vehicle `on_ground` only its motion along the ground and its yaw say how strong motion is. Its height
+    /// and its lean are held by the contact, whose rows observe nothing: they say that a height is zero that is not,
+    /// and would make all motion look weaker than it is.
+    pub fn add(
+        &mut self,
+        builder: &mut SystemBuilder,
+        body: Body,
+        poses: &[TimedPose],
+        prior: MotionPrior,
+        on_ground: bool,
+    ) {
         let (order, first, is_estimated) = match prior {
             MotionPrior::Off => return,
             MotionPrior::Given(order, strengths) => (order, strengths, false),
@@ -243,6 +270,11 @@ impl Motion {
                 is_rotation,
                 order,
                 is_estimated,
+                telling: match (on_ground, is_rotation) {
+                    (false, _) => [true; 3],
+                    (true, false) => [true, true, false],
+                    (true, true) => [false, false, true],
+                },
                 last: None,
             });
         }
@@ -281,14 +313,21 @@ impl Motion {
         }
     }
 
-    /// Sets the strengths that are to be estimated to what true `values` scatter: the root mean square of the rows.
+    /// Sets the strengths that are to be estimated to what true `values` scatter: the mean square of the rows, and
+    /// twice that of each with the next. (Where acceleration is white in continuous time, second differences of
+    /// positions have two thirds of its variance, and a sixth in common with their neighbours. What an adjustment
+    /// sees of them is slow, and has all of it.)
     pub fn set_by_truth(&self, system: &mut System, values: &Values) {
         let estimated =
             self.components.iter().filter(|c| c.is_estimated && system.rows(c.group) >= LEAST_ROWS);
         for component in estimated.collect::<Vec<_>>() {
-            let squares: f64 = system.squared_norms(component.group, values).into_iter().flatten().sum();
-            let factor =
-                system.sigma_factor(component.group) * (squares / system.rows(component.group) as f64).sqrt();
+            let rows = component.telling_rows(system, values);
+            let count = rows.iter().map(Vec::len).sum::<usize>() as f64;
+            let square: f64 = rows.iter().flatten().map(|v| v * v).sum();
+            let product = |pair: &[Vec<f64>]| pair[0].iter().zip(&pair[1]).map(|(a, b)| a * b).sum::<f64>();
+            let with_next: f64 = rows.windows(2).map(product).sum();
+            let variance = ((square + 2.0 * with_next) / count).max(0.0);
+            let factor = system.sigma_factor(component.group) * variance.sqrt();
             system.set_sigma_factor(component.group, factor.clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1));
         }
     }
@@ -314,7 +353,10 @@ impl Motion {
         let probes = (PROBED_ROWS / fewest.max(1)).clamp(2, MOST_PROBES);
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let mut signs_of = |component: &Component| -> Vec<Vec<f64>> {
-            let mut sign = |_| if rng.random::<bool>() { 1.0 } else { -1.0 };
+            let mut sign = |row: usize| {
+                let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
+                if component.telling[row % 3] { sign } else { 0.0 }
+            };
             let rows = system.rows(component.group);
             (0..probes).map(|_| (0..rows).map(&mut sign).collect()).collect()
         };
@@ -339,8 +381,9 @@ impl Motion {
                 })
                 .sum::<f64>()
                 / probes as f64;
-            let redundancy = system.rows(component.group) as f64 - trace;
-            let squares: f64 = system.squared_norms(component.group, values).into_iter().flatten().sum();
+            let telling = component.telling_rows(system, values);
+            let redundancy = telling.iter().map(Vec::len).sum::<usize>() as f64 - trace;
+            let squares: f64 = telling.iter().flatten().map(|v| v * v).sum();
             if redundancy < LEAST_REDUNDANCY {
                 continue;
             }
@@ -348,7 +391,9 @@ impl Motion {
             let power = component.power(log_factor);
             component.last = Some((log_factor, power));
             let before = system.sigma_factor(component.group);
-            let after = (before * (power * log_factor).exp()).clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1);
+            // Far below the data nothing would be left to tell the strength from.
+            let step = (power * log_factor).max(log_factor.min(-MOST_DROP));
+            let after = (before * step.exp()).clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1);
             system.set_sigma_factor(component.group, after);
             largest = largest.max(after / before).max(before / after);
         }
@@ -420,7 +465,13 @@ mod tests {
             };
             let timed: Vec<TimedPose> = blocks.iter().enumerate().map(timed).collect();
             let mut motion = Motion::default();
-            motion.add(&mut builder, Body::Camera, &timed, MotionPrior::Estimated(Order::Acceleration));
+            motion.add(
+                &mut builder,
+                Body::Camera,
+                &timed,
+                MotionPrior::Estimated(Order::Acceleration),
+                false,
+            );
             let mut system = builder.build();
             let mut minimiser = Minimiser::new(&system).unwrap();
             let mut values = system.start().clone();

@@ -13,6 +13,8 @@ use std::collections::HashMap;
 
 /// Of a shape those points count that are known best; so many of all.
 pub const BEST_SHARE: f64 = 0.8;
+/// A found frame is laid on the true one in so many steps.
+const RESTORED: usize = 12;
 /// Distances of which the share of points is told \[m\].
 pub const WITHIN_M: [f64; 3] = [0.01, 0.02, 0.05];
 
@@ -157,7 +159,8 @@ impl Prepared {
         let truth =
             VehicleEstimate { points: true_points.clone(), poses: true_poses.clone(), ..found.clone() };
         let frame = &self.frames[at];
-        frame.restore(&truth, &mut found);
+        // Where points are missing, or the frame is far off, each step goes a part of the way.
+        (0..RESTORED).for_each(|_| frame.restore(&truth, &mut found));
 
         let marker = true_points[vehicle.marker?]?;
         let (mut plan, mut height, mut speed, mut heading) = (vec![], vec![], vec![], vec![]);
