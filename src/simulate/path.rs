@@ -164,7 +164,8 @@ impl PlanPath {
                 let at = rows.partition_point(|row| row.time_s <= time_s).clamp(1, rows.len() - 1);
                 let (a, b) = (&rows[at - 1], &rows[at]);
                 let step = b.time_s - a.time_s;
-                let u = ((time_s - a.time_s) / step).clamp(0.0, 1.0);
+                // Beyond the first and the last by no more than a frame.
+                let u = (time_s - a.time_s) / step;
                 let [x, y, h] = [0, 1, 2].map(|k| hermite(a.nodes[k], b.nodes[k], step, u));
                 let (sin, cos) = turn_rad.sin_cos();
                 [
@@ -220,11 +221,11 @@ mod tests {
 
     #[test]
     fn a_plan_is_driven_as_it_says() {
-        let times = Times::of_film(150, 30.0, FINE);
+        let (times, frames) = (Times::of_film(150, 30.0, FINE), Times::of_film(150, 30.0, 1));
         let path = PathSettings::Driven { speed_mps: 8.0, curvature_per_m: 0.0, segments: STOP.to_vec() };
         for sigma in [0.0, 1.0] {
             let [along, yaw] = [0, 1].map(|k| {
-                wander(&mut stream(5, 0, Purpose::VehiclePath, k), sigma * [0.3, 0.02][k], 3.0, times)
+                wander(&mut stream(5, 0, Purpose::VehiclePath, k), sigma * [0.3, 0.02][k], 3.0, frames)
             });
             let path = PlanPath::new(&vehicle(path.clone()), &[], times, [&along, &yaw], 2.5);
             let [x, y, heading] = path.at(2.5);

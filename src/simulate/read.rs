@@ -306,7 +306,7 @@ fn vehicle(vehicle: &Section, folder: &Path) -> Option<VehicleSettings> {
         track_s: vehicle.positive("track_s"),
         dropout: share(vehicle, "dropout"),
         grazing_deg: vehicle
-            .number("grazing_deg", "from 10 to 90 degrees", |v| (10.0..=90.0).contains(&v))
+            .number("grazing_deg", "from 10 to 180 degrees", |v| (10.0..=180.0).contains(&v))
             .unwrap_or(80.0),
         height_sigma_m: vehicle.not_negative("height_sigma_m"),
         marker_sigma_m: vehicle.not_negative("marker_sigma_m"),

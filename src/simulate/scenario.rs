@@ -212,7 +212,7 @@ pub struct VehicleSettings {
     pub track_s: Option<f64>,
     /// Share of image points that are missing.
     pub dropout: f64,
-    /// A surface is seen up to this angle from its normal.
+    /// A surface is seen up to this angle from its normal; 180: through the body.
     pub grazing_deg: f64,
     /// How well the height of the highest point is known; `None`: not at all.
     pub height_sigma_m: Option<f64>,

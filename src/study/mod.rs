@@ -18,12 +18,11 @@ pub mod summary;
 pub use cell::{Prediction, RunErrors};
 use cell::{Prepared, predict};
 use parts::Part;
-use rayon::prelude::*;
 pub use settings::{Axis, Cell, Study, Wanted, read_study, told};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock};
 
 /// Runs that are kept in one file.
 const CHUNK: usize = 10;
@@ -111,7 +110,7 @@ pub fn run(study: &Study, kept: &Kept, told: Told<'_>) -> Result<Vec<Outcome>, S
     let prepared: Vec<OnceLock<Result<Prepared, String>>> = cells.iter().map(|_| OnceLock::new()).collect();
     let prediction_file = |at: usize| format!("cell-{at:06}");
     let scenario = |at: usize| study.scenario(&cells[at]);
-    (0..cells.len()).into_par_iter().with_max_len(1).try_for_each(|at| {
+    side_by_side(cells.len(), &|at| {
         if kept.read::<Result<Prediction, String>>(&prediction_file(at)).is_none() {
             let found = scenario(at).and_then(|scenario| predict(&scenario));
             let (prediction, own) = match found {
@@ -130,15 +129,15 @@ pub fn run(study: &Study, kept: &Kept, told: Told<'_>) -> Result<Vec<Outcome>, S
     let is_missing = |at: usize, chunk: usize| {
         kept.read::<Vec<Result<RunErrors, String>>>(&chunk_file(at, chunk)).is_none()
     };
-    // Before the runs, and not by the first that needs it: a thread that waits for its own work to be done
-    // elsewhere may take up another run of the same cell.
-    (0..cells.len()).into_par_iter().with_max_len(1).for_each(|at| {
+    // Of cells whose prediction was kept, but not all of their runs.
+    side_by_side(cells.len(), &|at| {
         if prepared[at].get().is_none() && (0..chunks).any(|chunk| is_missing(at, chunk)) {
             let found = scenario(at).and_then(|scenario| predict(&scenario));
             let _ = prepared[at].set(found.map(|(_, own)| own));
         }
-    });
-    (0..cells.len() * chunks).into_par_iter().with_max_len(1).try_for_each(|task| {
+        Ok(())
+    })?;
+    side_by_side(cells.len() * chunks, &|task| {
         let (at, chunk) = (task / chunks, task % chunks);
         if is_missing(at, chunk) {
             let numbers = chunk * CHUNK..((chunk + 1) * CHUNK).min(study.runs);
@@ -164,4 +163,37 @@ pub fn run(study: &Study, kept: &Kept, told: Told<'_>) -> Result<Vec<Outcome>, S
             Ok(Outcome { prediction, runs })
         })
         .collect()
+}
+
+/// Does tasks on as many threads as there are to compute with; the first task that failed says why. These are threads
+/// of their own: one of the pool that waits for a part of its task would take up another task meanwhile, within
+/// it another, and so on.
+fn side_by_side(
+    tasks: usize,
+    task: &(dyn Fn(usize) -> Result<(), StudyError> + Sync),
+) -> Result<(), StudyError> {
+    let (next, failed) = (AtomicUsize::new(0), Mutex::new(None::<(usize, StudyError)>));
+    std::thread::scope(|scope| {
+        for _ in 0..rayon::current_num_threads().min(tasks) {
+            scope.spawn(|| {
+                loop {
+                    let at = next.fetch_add(1, Ordering::Relaxed);
+                    if at >= tasks {
+                        break;
+                    }
+                    let Err(error) = task(at) else { continue };
+                    let mut failed = failed.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                    if failed.as_ref().is_none_or(|(first, _)| at < *first) {
+                        *failed = Some((at, error));
+                    }
+                    // Nothing more is begun.
+                    next.store(tasks, Ordering::Relaxed);
+                }
+            });
+        }
+    });
+    match failed.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) {
+        Some((_, error)) => Err(error),
+        None => Ok(()),
+    }
 }

@@ -68,7 +68,7 @@ pub struct Wanted {
 }
 
 /// One combination of values.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Cell {
     /// Which scenario.
     pub scenario: usize,

@@ -4,6 +4,7 @@ use super::cell::{RunErrors, WITHIN_M};
 use super::settings::{Study, told};
 use super::{Outcome, settings::Cell};
 use crate::diagnose::Quantity;
+use std::collections::HashMap;
 
 /// Half the width of a 95 % interval, in standard deviations.
 const INTERVAL: f64 = 1.96;
@@ -218,4 +219,54 @@ pub fn table(
     debug_assert!(all.iter().all(|row| row.len() == header.len()));
     debug_assert_eq!(WITHIN_M, [0.01, 0.02, 0.05]);
     (header, all)
+}
+
+/// What a value of an axis does to a quantity.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Effect {
+    /// Which axis, and which of its values.
+    pub axis: usize,
+    /// See `axis`.
+    pub value: usize,
+    /// For each quantity the geometric mean, over all other axes and all vehicles, of the expected standard deviation
+    /// at this value over that at the first; `None` where one of them is not determined.
+    pub ratios: [Option<f64>; 6],
+}
+
+/// What each value of each axis does by itself, all others being equal.
+pub fn effects(study: &Study, outcomes: &[Outcome]) -> Vec<Effect> {
+    let cells = study.cells();
+    let number: HashMap<&Cell, usize> = cells.iter().zip(0..).collect();
+    let mut all = Vec::new();
+    for axis in 0..study.axes.len() {
+        for value in 1..study.axes[axis].values.len() {
+            let pairs: Vec<(usize, usize)> = cells
+                .iter()
+                .enumerate()
+                .filter(|(_, cell)| cell.values[axis] == value)
+                .filter_map(|(at, cell)| {
+                    let mut first = cell.clone();
+                    first.values[axis] = 0;
+                    Some((at, *number.get(&first)?))
+                })
+                .collect();
+            let ratios = std::array::from_fn(|quantity| {
+                let (mut sum, mut count) = (0.0, 0_usize);
+                for (at, first) in &pairs {
+                    let (Ok(here), Ok(there)) = (&outcomes[*at].prediction, &outcomes[*first].prediction)
+                    else {
+                        continue;
+                    };
+                    for (a, b) in here.sigmas.iter().zip(&there.sigmas) {
+                        sum += (a[quantity] / b[quantity]).ln();
+                        count += 1;
+                    }
+                }
+                let mean = (sum / count as f64).exp();
+                (count > 0 && mean.is_finite() && mean > 0.0).then_some(mean)
+            });
+            all.push(Effect { axis, value, ratios });
+        }
+    }
+    all
 }

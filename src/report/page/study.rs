@@ -5,7 +5,7 @@ use super::figure::{Figure, Layer, colour};
 use super::{Told, render};
 use crate::diagnose::Quantity;
 use crate::study::plan::Choice;
-use crate::study::summary::{Row, name, rows};
+use crate::study::summary::{Row, effects, name, rows};
 use crate::study::{Cell, Outcome, Study, told};
 
 /// What a page is made of.
@@ -87,6 +87,9 @@ pub fn study_page(page: &StudyPage) -> String {
     };
     if page.study.runs > 0 {
         sections.push(view.monte_carlo());
+    }
+    if page.study.axes.len() > 1 {
+        sections.push(view.effects());
     }
     for quantity in Quantity::ALL {
         sections.push(view.quantity(quantity));
@@ -392,8 +395,36 @@ impl<'a> View<'a> {
         section
     }
 
+    fn effects(&self) -> Section {
+        let mut section = Section::new("effects", "What each parameter does");
+        section.text(
+            "Expected standard deviation at a value over that at the first value of its axis, all others being equal: \
+             geometric mean over all of them.",
+        );
+        let mut head = vec!["value over first".to_owned()];
+        head.extend(Quantity::ALL.map(|quantity| name(quantity)[2].to_owned()));
+        let rows = effects(self.page.study, self.page.outcomes).into_iter().map(|effect| {
+            let axis = &self.page.study.axes[effect.axis];
+            let cells = effect.ratios.map(|ratio| {
+                let text = ratio.map_or_else(|| "\u{2013}".to_owned(), |ratio| decimal(ratio, 2));
+                GridCell::shaded(text, String::new(), ratio.map(|ratio| ratio.log2().abs() / 2.0))
+            });
+            let (value, first) = (told(&axis.values[effect.value]), told(&axis.values[0]));
+            GridRow { label: format!("{}: {value} over {first}", axis.label), cells: cells.to_vec() }
+        });
+        let rows = rows.collect();
+        let caption = "1 is no effect; the darker, the larger".to_owned();
+        section.blocks.push(Block::Grid(Grid {
+            caption,
+            corner: head[0].clone(),
+            head: head[1..].to_vec(),
+            rows,
+        }));
+        section
+    }
+
     fn factors(&self) -> Section {
-        let mut section = Section::new("factors", "Main factors");
+        let mut section = Section::new("factors", "Where variance comes from");
         section.text(
             "Where the variance of a quantity comes from: the three largest shares. What would have to be better to \
              gain something stands first.",
