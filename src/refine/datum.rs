@@ -76,6 +76,11 @@ pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
     (treatment, warning.or_else(|| is_adrift.then(adrift)))
 }
 
+/// What is missing that would hold the cameras, if something is.
+pub fn camera_gap(problem: &Problem) -> Option<String> {
+    of_cameras(problem).1
+}
+
 /// How the poses of a vehicle are treated that are given; without any, how all of them are. Poses that
 /// were found are starting values and nothing known, so that they are treated as poses without a sigma.
 pub fn of_vehicle(problem: &Problem, vehicle: &Vehicle) -> Treatment {

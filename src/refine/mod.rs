@@ -30,7 +30,7 @@ mod reversal;
 pub use alone::alone;
 use body_frame::body_frames;
 pub use body_frame::{BodyFrame, frame_step, point_motion, pose_motion};
-pub use datum::scale_gap;
+pub use datum::{camera_gap, scale_gap};
 pub use directed_tests::{CRITICAL, DirectedTest};
 pub use expected::expected;
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};

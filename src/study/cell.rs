@@ -5,7 +5,7 @@ use crate::diagnose::{Influence, Quantity, expectation, source_name};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::initialise::{Method, initialise};
 use crate::problem::Problem;
-use crate::refine::{BodyFrame, MotionPriors, RefineOptions, adjust, expected};
+use crate::refine::{BodyFrame, MotionPriors, RefineOptions, adjust, camera_gap, expected};
 use crate::simulate::scenario::{BodySettings, Scenario};
 use crate::simulate::{Chance, Film, World};
 use nalgebra::{Point3, Vector3};
@@ -65,6 +65,10 @@ pub fn predict(scenario: &Scenario) -> Result<(Prediction, Prepared), String> {
         if vehicle.marker.is_none() {
             return Err(format!("the marker of {} is not in view", vehicle.id));
         }
+    }
+    if let Some(gap) = camera_gap(problem) {
+        // Standard deviations would be those of a world in which starting poses are right.
+        return Err(gap);
     }
     let (network, truth) = expected(problem, &exact.truth, MotionPriors::ESTIMATED);
     let found = expectation(problem, &truth, &network).map_err(|error| error.to_string())?;
