@@ -295,15 +295,19 @@ fn bad_scenarios_are_told_by_line_and_key() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let cases: [(&str, &str, &str); 14] = [
-        ("preset = \"pinhole-4k\"", "preset = \"leica\"", "camera.preset: wanted one of dji-mini-2"),
-        ("altitude_m = 50.0", "altitude = 50.0", "flight.altitude: wanted a key that is known"),
-        ("altitude_m = 50.0", "altitude_m = -5.0", "flight.altitude_m: wanted a finite number above 0"),
-        ("altitude_m = 50.0", "altitude_m = nan", "flight.altitude_m: wanted"),
-        ("points = 25", "points = 2", "vehicle.points: wanted a whole number from 3"),
-        ("points = 25", "points = 1e9", "vehicle.points: wanted a whole number"),
-        ("id = \"car1\"", "id = \"a/b\"", "vehicle.id: wanted an id that can be part of a file name"),
-        ("frames = 40", "frames = 40\nduration_s = 3.0", "film.frames: wanted one of frames and duration_s"),
-        ("count = 6", "count = 6\ncheck = 7", "targets.check: wanted a whole number from 0 to 6"),
+        ("preset = \"pinhole-4k\"", "preset = \"leica\"", "camera.preset: expected one of dji-mini-2"),
+        ("altitude_m = 50.0", "altitude = 50.0", "flight.altitude: expected a key that is known"),
+        ("altitude_m = 50.0", "altitude_m = -5.0", "flight.altitude_m: expected a finite number above 0"),
+        ("altitude_m = 50.0", "altitude_m = nan", "flight.altitude_m: expected"),
+        ("points = 25", "points = 2", "vehicle.points: expected a whole number from 3"),
+        ("points = 25", "points = 1e9", "vehicle.points: expected a whole number"),
+        ("id = \"car1\"", "id = \"a/b\"", "vehicle.id: expected an id that can be part of a file name"),
+        (
+            "frames = 40",
+            "frames = 40\nduration_s = 3.0",
+            "film.frames: expected one of frames and duration_s",
+        ),
+        ("count = 6", "count = 6\ncheck = 7", "targets.check: expected a whole number from 0 to 6"),
         ("points = 25", "points = 25\nbody = { scan = \"none.ply\" }", "none.ply"),
         ("points = 25", "points = 25\npath = \"none.csv\"", "none.csv"),
         ("[targets]", "[terrain]\ngrid = \"none.asc\"\n[targets]", "none.asc"),
@@ -312,7 +316,7 @@ fn bad_scenarios_are_told_by_line_and_key() {
             "[camera_poses]\ngiven = \"none\"\n[targets]\ncount = 2",
             "three targets or more",
         ),
-        ("format = 1", "format = 1\nseed = -1", "seed: wanted a whole number"),
+        ("format = 1", "format = 1\nseed = -1", "seed: expected a whole number"),
     ];
     for (from, to, wanted) in cases {
         let text = PLAIN.replace(from, to);

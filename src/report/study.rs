@@ -1,7 +1,7 @@
 //! The folder of a study or of a plan: tables, a page, and what it was made of.
 
 use super::folder::{PROGRAM, PROGRAM_KEY};
-use super::page::{StudyPage, study_page};
+use super::page::study_page;
 use super::{File, tables::text_table};
 use crate::study::plan::Choice;
 use crate::study::summary::{name, number, table};
@@ -32,7 +32,7 @@ pub fn study_files(report: &StudyReport) -> Vec<File> {
         let (header, rows) = plan_table(study, choices, cheapest);
         files.push(("plan.csv".to_owned(), text_table(&header, &rows)));
     }
-    let page = study_page(&StudyPage { study, vehicles, outcomes, command, plan });
+    let page = study_page(report);
     files.push(("report.html".to_owned(), page.into_bytes()));
     let failed: usize = outcomes.iter().map(|o| o.runs.iter().filter(|run| run.is_err()).count()).sum();
     let summary = json!({

@@ -35,8 +35,8 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
     }
     let name = top.required("name", "a text", || top.text("name"));
     let seed = whole(top, "seed", 1, 0.0, 9e15);
-    let (camera, rate_hz) =
-        top.required("camera", "a table [camera]", || top.table("camera", camera)).flatten()?;
+    let camera = top.required("camera", "a table [camera]", || top.table("camera", camera)).flatten();
+    let rate_hz = camera.as_ref().map_or(30.0, |(_, rate_hz)| *rate_hz);
     let film = top.table("film", |film| read_film(film, rate_hz));
     let film = film.unwrap_or(FilmSettings { frames: 150, rate_hz });
     let flight = top.required("flight", "a table [flight]", || top.table("flight", flight)).flatten();
@@ -101,7 +101,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
     Some(Scenario {
         name: name?,
         seed: seed as u64,
-        camera,
+        camera: camera?.0,
         film,
         flight: flight?,
         terrain,

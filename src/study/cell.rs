@@ -11,8 +11,12 @@ use crate::simulate::{Chance, Film, World};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// Of a shape those points count that are known best; so many of all.
-pub const BEST_SHARE: f64 = 0.8;
+/// Of a shape those points count that are known best; so many of all. (Of the others some are seen for a moment or
+/// at a grazing angle, and would make all the difference.)
+pub const BEST_SHARE: f64 = 0.5;
+/// A scale that is known to no better than this is not determined, nor is what goes with it: a first order says
+/// nothing of what may be half as large.
+const MOST_SCALE: f64 = 0.5;
 /// A found frame is laid on the true one in so many steps.
 const RESTORED: usize = 12;
 /// Distances of which the share of points is told \[m\].
@@ -101,6 +105,12 @@ pub fn predict(scenario: &Scenario) -> Result<(Prediction, Prepared), String> {
             root_mean(order.iter().map(|point| variances[*point])),
             found.scales[at],
         ]);
+        if found.scales[at] > MOST_SCALE
+            && let Some(sigmas) = prediction.sigmas.last_mut()
+        {
+            let of_scale = Quantity::ALL.iter().enumerate().filter(|(_, q)| **q != Quantity::Heading);
+            of_scale.for_each(|(quantity, _)| sigmas[quantity] = f64::INFINITY);
+        }
         best.push(order);
         let of = |quantity: Quantity| -> Vec<(String, f64)> {
             let is_it = |i: &&Influence| i.vehicle == at && i.quantity == quantity;

@@ -146,7 +146,8 @@ impl Figure {
                 let most = corners.iter().map(|c| c[axis]).fold(f64::NEG_INFINITY, f64::max);
                 let (least, most) = if least <= most { (least, most) } else { (0.0, 1.0) };
                 // Never without extent, not even far from zero.
-                let margin = (0.04 * (most - least)).max(1e-9 * most.abs().max(1.0));
+                let size = most.abs().max(1.0);
+                let margin = if most - least > 1e-9 * size { 0.04 * (most - least) } else { 1e-3 * size };
                 [least - margin, most + margin]
             })
         };

@@ -23,7 +23,7 @@ use content::{Headline, Section};
 use facts::Facts;
 pub use facts::changed_inputs;
 use serde_json::Value;
-pub use study::{StudyPage, study_page};
+pub use study::study_page;
 
 /// So many vehicles get figures; the others are in the tables.
 const MOST_DRAWN: usize = 8;

@@ -4,24 +4,10 @@ use super::content::{Block, Grid, GridCell, GridRow, Headline, Section, Table, d
 use super::figure::{Figure, Layer, colour};
 use super::{Told, render};
 use crate::diagnose::Quantity;
+use crate::report::study::StudyReport;
 use crate::study::plan::Choice;
 use crate::study::summary::{Row, effects, name, rows};
 use crate::study::{Cell, Outcome, Study, told};
-
-/// What a page is made of.
-#[derive(Clone, Copy)]
-pub struct StudyPage<'a> {
-    /// The study.
-    pub study: &'a Study,
-    /// Ids of the vehicles of each scenario.
-    pub vehicles: &'a [Vec<String>],
-    /// What came out of each cell.
-    pub outcomes: &'a [Outcome],
-    /// The command that makes the page.
-    pub command: &'a str,
-    /// Of a plan: its choices, and the cheapest.
-    pub plan: Option<(&'a [Choice], Option<usize>)>,
-}
 
 /// So many grids of one quantity are shown; the others are in the table.
 const MOST_GRIDS: usize = 12;
@@ -33,7 +19,7 @@ const HONEST: [f64; 2] = [0.9, 1.1];
 const STUDY: Told = Told {
     kind: "study",
     about: "What standard deviations an adjustment will have, from the covariance at the true state, and what was observed.",
-    footer: "Standard deviations are root mean squares over the film, of a track both coordinates together, of a shape all three, over the 80 % of its points that are known best.",
+    footer: "Standard deviations are root mean squares over the film, of a track both coordinates together, of a shape all three, over the half of its points that are known best.",
 };
 const PLAN: Told = Told {
     kind: "plan",
@@ -75,7 +61,7 @@ fn unit(quantity: Quantity) -> &'static str {
 }
 
 /// The page.
-pub fn study_page(page: &StudyPage) -> String {
+pub fn study_page(page: &StudyReport) -> String {
     let view = View::new(page);
     let mut sections = Vec::new();
     let (told, headlines) = match page.plan {
@@ -101,7 +87,7 @@ pub fn study_page(page: &StudyPage) -> String {
 }
 
 struct View<'a> {
-    page: &'a StudyPage<'a>,
+    page: &'a StudyReport<'a>,
     cells: Vec<Cell>,
     rows: Vec<Row>,
 }
@@ -116,7 +102,7 @@ struct Plane {
 }
 
 impl<'a> View<'a> {
-    fn new(page: &'a StudyPage<'a>) -> Self {
+    fn new(page: &'a StudyReport<'a>) -> Self {
         View { page, cells: page.study.cells(), rows: rows(page.outcomes) }
     }
 
@@ -555,6 +541,7 @@ impl<'a> View<'a> {
             figure.layers.push(Layer::Dots { points: points(is), colour, radius: 7, label });
         }
         figure.layers.push(Layer::Level(1.0));
+        figure.y_range = Some([0.0, 4.2]);
         section.figures(
             "View and accuracy",
             "Each flight by what an image shows of the ground.",
