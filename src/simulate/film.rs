@@ -3,7 +3,7 @@
 use super::path::{FINE, PlanPath};
 use super::scenario::{Course, Given, PoseSettings, Scenario, VehicleSettings};
 use super::wander::{Curve, Purpose, Times, normal, normal3, stream, values, wander, wanders};
-use super::{Chance, Film, World, no_ground};
+use super::{Chance, Film, GrossError, World, no_ground};
 use crate::camera::Camera;
 use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
@@ -25,6 +25,13 @@ const ROW_TOLERANCE_S: f64 = 1e-9;
 const ROW_STEPS: usize = 20;
 /// A known height, or a pose, is not better than this in what the problem says \[m\].
 const LEAST_KNOWN_M: f64 = 1e-4;
+
+/// Where a place is at a time.
+type Place<'a> = dyn Fn(f64) -> Option<Point3<f64>> + 'a;
+/// The pixel of a place in a frame, at the time of its row.
+type Seen<'a> = dyn Fn(usize, &Place<'_>) -> Option<Vector2<f64>> + 'a;
+/// A receiver whose positions are observations, and what is true of it.
+type Received = (Receiver, ReceiverEstimate);
 
 /// The camera at any time.
 struct Drone<'w> {
@@ -201,7 +208,7 @@ impl World {
         let cameras: Vec<Pose> = (0..frames).map(|frame| drone.pose(frame, time(frame))).collect();
 
         // An image point is seen at the time of its row.
-        let seen = |frame: usize, place: &dyn Fn(f64) -> Option<Point3<f64>>| -> Option<Vector2<f64>> {
+        let seen = |frame: usize, place: &Place<'_>| -> Option<Vector2<f64>> {
             let mut row_s = 0.0_f64;
             for _ in 0..ROW_STEPS {
                 let at = time(frame) + row_s;
@@ -220,7 +227,7 @@ impl World {
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut wrong_tracks = Vec::new();
         let mut references = Vec::new();
-        let mut receivers: Vec<(Receiver, ReceiverEstimate)> = Vec::new();
+        let mut receivers: Vec<Received> = Vec::new();
         for (at, ride) in rides.iter().enumerate() {
             let settings = &scenario.vehicles[at];
             let off_ground =
@@ -379,8 +386,8 @@ impl World {
     fn target_sights(
         &self,
         errors: &Errors,
-        seen: &dyn Fn(usize, &dyn Fn(f64) -> Option<Point3<f64>>) -> Option<Vector2<f64>>,
-    ) -> (Vec<Target>, Vec<TargetObservation>, Vec<(i64, Option<usize>, String)>) {
+        seen: &Seen<'_>,
+    ) -> (Vec<Target>, Vec<TargetObservation>, Vec<GrossError>) {
         let scenario = &self.scenario;
         let (settings, of) = (&scenario.targets, &scenario.errors);
         let mut survey = stream(self.seed, errors.run, Purpose::Survey, 0);
@@ -418,13 +425,12 @@ impl World {
     }
 
     /// What a receiver on a vehicle measures: as observations with what is true of it, or to compare with.
-    #[allow(clippy::type_complexity)]
     fn received(
         &self,
         vehicle: usize,
         errors: &Errors,
-        place: &dyn Fn(f64) -> Option<Point3<f64>>,
-    ) -> (Option<(Receiver, ReceiverEstimate)>, Vec<GnssPosition>) {
+        place: &Place<'_>,
+    ) -> (Option<Received>, Vec<GnssPosition>) {
         let Some(gnss) = &self.scenario.gnss else { return (None, Vec::new()) };
         let film = &self.scenario.film;
         let mut rng = stream(self.seed, errors.run, Purpose::Gnss, vehicle);
@@ -474,7 +480,7 @@ struct Sights {
     /// Ids and places of the points, sorted by id.
     points: Vec<(String, Point3<f64>)>,
     observations: Vec<VehicleObservation>,
-    gross: Vec<(i64, Option<usize>, String)>,
+    gross: Vec<GrossError>,
     wrong_tracks: BTreeSet<String>,
 }
 
@@ -485,7 +491,7 @@ impl World {
         errors: &Errors,
         poses: &[Pose],
         cameras: &[Pose],
-        seen: &dyn Fn(usize, &dyn Fn(f64) -> Option<Point3<f64>>) -> Option<Vector2<f64>>,
+        seen: &Seen<'_>,
         place_of: &dyn Fn(Point3<f64>) -> F,
     ) -> Sights {
         let (settings, of) = (&self.scenario.vehicles[vehicle], &self.scenario.errors);

@@ -68,6 +68,9 @@ pub enum Chance {
     Run(u64),
 }
 
+/// Number of the frame, index of the vehicle (none, for a target), id of the point or the target.
+pub type GrossError = (i64, Option<usize>, String);
+
 /// A film and what really was.
 pub struct Film {
     /// What is measured.
@@ -76,8 +79,8 @@ pub struct Film {
     pub truth: Estimate,
     /// Velocities of the marker of each vehicle in each frame \[m/s\].
     pub velocities: Vec<Vec<Vector3<f64>>>,
-    /// Gross errors: frame, vehicle (or none, for a target), point or target.
-    pub gross: Vec<(i64, Option<usize>, String)>,
+    /// Gross errors.
+    pub gross: Vec<GrossError>,
     /// For each vehicle the points whose tracks are, in part or whole, of something else.
     pub wrong_tracks: Vec<BTreeSet<String>>,
     /// Positions of a receiver on each vehicle that are only to compare with.

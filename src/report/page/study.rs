@@ -7,7 +7,7 @@ use crate::diagnose::Quantity;
 use crate::report::study::StudyReport;
 use crate::study::plan::Choice;
 use crate::study::summary::{Row, effects, name, rows};
-use crate::study::{Cell, Outcome, Study, told};
+use crate::study::{Cell, told};
 
 /// So many grids of one quantity are shown; the others are in the table.
 const MOST_GRIDS: usize = 12;
