@@ -13,7 +13,8 @@ use trackbundle::problem::Problem;
 use trackbundle::simulate::{Chance, World, read_scenario};
 use trackbundle::trajectory::Order;
 
-const SHIPPED: [&str; 8] = ["avenue", "crossing", "gross", "high", "paper", "road", "rolling", "streets"];
+const SHIPPED: [&str; 9] =
+    ["avenue", "crossing", "gross", "high", "paper", "road", "rolling", "streets", "van"];
 
 fn scenario(name: &str) -> PathBuf {
     in_package("problems/scenarios").join(format!("{name}.toml"))
@@ -62,7 +63,7 @@ fn every_shipped_scenario_is_a_problem_that_is_adjusted() {
             .arg(&result)
             .assert()
             .success();
-        for (vehicle, track_m) in [("car1", 0.1), ("van1", 0.15)] {
+        for (vehicle, track_m) in [("car1", 0.1), ("car2", 0.1), ("van1", 0.15)] {
             if problem.join(format!("truth/trajectory_{vehicle}.csv")).exists() {
                 let found = score(&result, &problem.join("truth"), vehicle);
                 assert!(found.marker_rms_xy_m < track_m, "{name} {vehicle}: {found:?}");
