@@ -308,7 +308,6 @@ fn the_page_needs_nothing_beside_it() {
 /// Ratios of observed to expected of the shipped scenarios that are of the model, from so many runs each.
 fn honest(runs: usize, within: [f64; 2]) {
     let mut read = read_study(&in_package("problems/studies/honesty.toml")).unwrap();
-    read.scenarios.retain(|scenario| !["streets", "van"].contains(&scenario.name.as_str()));
     assert_eq!(read.scenarios.len(), 5);
     read.runs = runs;
     let folder = tempfile::tempdir().unwrap();
