@@ -103,6 +103,7 @@ const PLAN: &[(u32, &str, &[&str])] = &[
         "report",
         &[
             "cloud",
+            "tables",
             "study",
             "simulate",
             "diagnose",

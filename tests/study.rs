@@ -44,11 +44,9 @@ fn interrupted_or_not_and_with_any_number_of_threads_bytes_are_the_same() {
     study(&file, &place("b"), &["--threads", "2"]);
     // Stopped after some steps, in the middle of a file, and gone on with.
     let read = read_study(&file).unwrap();
-    let mut told = read.clone();
-    told.inputs = format!("# {} runs\n{}", told.runs, told.inputs);
     let unfinished = place("c.unfinished");
-    let kept = Kept::open(&unfinished, &told).unwrap();
-    run(&told, &kept, &|_, _| {}).unwrap();
+    let kept = Kept::open(&unfinished, &read).unwrap();
+    run(&read, &kept, &|_, _| {}).unwrap();
     let mut parts: Vec<PathBuf> =
         std::fs::read_dir(&unfinished).unwrap().map(|entry| entry.unwrap().path()).collect();
     parts.sort();
@@ -89,6 +87,12 @@ fn a_study_that_was_begun_is_not_gone_on_with_when_it_is_another() {
     std::fs::write(folder.path().join("mine/letter.txt"), "dear").unwrap();
     program().arg("study").arg(&file).arg("--out").arg(folder.path().join("mine")).assert().code(2);
     assert!(folder.path().join("mine/letter.txt").exists());
+    // Nor is one that only stands where this one would keep what is done.
+    std::fs::create_dir(folder.path().join("new.unfinished")).unwrap();
+    std::fs::write(folder.path().join("new.unfinished/letter.txt"), "dear").unwrap();
+    program().arg("study").arg(&file).arg("--out").arg(folder.path().join("new")).assert().code(2);
+    assert_eq!(std::fs::read_dir(folder.path().join("new.unfinished")).unwrap().count(), 1);
+    assert!(!folder.path().join("new").exists());
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::simulate::invalid;
 use crate::report::folder::{Holds, Staged, check_place};
 use crate::report::{StudyReport, plan_table, study_files};
 use crate::study::plan::plan;
-use crate::study::summary::rows;
+use crate::study::summary::{rows, without_result};
 use crate::study::{Kept, Outcome, Study, StudyError, read_study, run as run_study};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -81,22 +81,14 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
         study.runs = runs as usize;
     }
     set_threads(arguments.threads)?;
-    study.inputs = format!("# {} runs\n{}", study.runs, study.inputs);
     let kept = Kept::open(&unfinished(&arguments.out), &study)?;
     let outcomes = {
         let told = steps(arguments.quiet);
         run_study(&study, &kept, &*told)?
     };
-    let vehicles = (0..study.scenarios.len()).map(|scenario| {
-        let first = crate::study::Cell { scenario, values: vec![0; study.axes.len()] };
-        let found = study.scenario(&first).map_err(Failure::Other)?;
-        Ok(found.vehicles.iter().map(|vehicle| vehicle.id.clone()).collect())
-    });
-    let vehicles: Vec<Vec<String>> = vehicles.collect::<Result<_, Failure>>()?;
     let (choices, cheapest) = plan(&study, &outcomes);
     let report = StudyReport {
         study: &study,
-        vehicles: &vehicles,
         outcomes: &outcomes,
         command: &command_told(&arguments.study),
         plan: is_plan.then_some((choices.as_slice(), cheapest)),
@@ -136,12 +128,10 @@ fn summary(study: &Study, outcomes: &[Outcome]) -> String {
     if !ratios.is_empty() {
         let least = ratios.iter().map(|ratio| ratio[0]).fold(f64::INFINITY, f64::min);
         let most = ratios.iter().map(|ratio| ratio[0]).fold(0.0, f64::max);
-        let failed: usize =
-            outcomes.iter().flat_map(|outcome| &outcome.runs).filter(|run| run.is_err()).count();
         text += &format!(
             "observed    over expected {least:.2} to {most:.2} from {} of each cell, {} without a result\n",
             counted(study.runs, "run"),
-            failed
+            without_result(outcomes)
         );
     }
     text

@@ -2,6 +2,7 @@
 
 use super::problem_folder::TABLES;
 use super::problem_toml;
+use crate::tables::{Finding, Findings};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
@@ -23,13 +24,23 @@ pub fn input_files(folder: &Path) -> Vec<InputFile> {
         .ok()
         .and_then(|table| Some(table.get("terrain")?.get("grid")?.as_str()?.to_owned()));
     let names = std::iter::once(problem_toml::FILE).chain(TABLES.iter().copied()).chain(grid.as_deref());
-    names
-        .filter_map(|name| {
-            let bytes = std::fs::read(folder.join(name)).ok()?;
-            let digits = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-            Some(InputFile { file: name.to_owned(), bytes: bytes.len() as u64, sha256: digits })
-        })
-        .collect()
+    names.filter_map(|name| input_file(folder, name)).collect()
+}
+
+/// A file of a folder; `None` where it cannot be read.
+pub fn input_file(folder: &Path, name: &str) -> Option<InputFile> {
+    let bytes = std::fs::read(folder.join(name)).ok()?;
+    let digits = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+    Some(InputFile { file: name.to_owned(), bytes: bytes.len() as u64, sha256: digits })
+}
+
+/// The name of a file without its folder, and the text in it, which is `wanted`.
+pub fn named_text(path: &Path, wanted: &str) -> Result<(String, String), Findings> {
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok((name, text)),
+        Err(error) => Err(Finding::of_file(&name, wanted, &error.to_string()).into()),
+    }
 }
 
 #[cfg(test)]

@@ -13,13 +13,13 @@ mod video;
 mod written;
 
 pub use checked::Folder;
-pub use inputs::{InputFile, input_files};
+pub use inputs::{InputFile, input_file, input_files, named_text};
 pub use inventory::{Inventory, TargetInventory, VehicleInventory};
-pub use problem_folder::read_problem;
+pub use problem_folder::{read_grid, read_problem};
 pub use problem_toml::{read_camera, read_vehicle_id};
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
 pub use result_tables::{
     RESIDUALS, ResultPoint, ResultPoses, ResultReport, ResultResidual, START_RESIDUALS, read_points,
     read_poses, read_report, read_residuals,
 };
-pub use written::{POSE_COLUMNS, decimal, number_sigma, pose_cells, problem_files};
+pub use written::{camera_pose_table, decimal, problem_files, vehicle_pose_table};

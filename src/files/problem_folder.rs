@@ -44,6 +44,19 @@ pub fn read_problem(folder: &Path) -> Result<Folder, Findings> {
     }
 }
 
+/// Reads the grid of heights in a file of a folder, of which `wanted` says what it is.
+pub fn read_grid(folder: &Path, file: &str, wanted: &str) -> Result<Terrain, Findings> {
+    let bytes = std::fs::read(folder.join(file))
+        .map_err(|error| Findings::from(Finding::of_file(file, wanted, &error.to_string())))?;
+    Terrain::read_grid(file, &bytes).map_err(|faults| {
+        let mut findings = Findings::default();
+        for GridFault { line, column, wanted, found } in faults {
+            findings.error(Finding { file: file.to_owned(), line, column, wanted, found });
+        }
+        findings
+    })
+}
+
 /// Whether frames without a camera pose can get one from targets.
 fn can_resect(targets: Option<&[Line<TargetRow>]>) -> bool {
     let is_control = |row: &TargetRow| {
@@ -131,7 +144,7 @@ impl Reader<'_> {
                 return None;
             }
         };
-        let (settings, findings) = problem_toml::parse(text.trim_start_matches('\u{feff}'));
+        let (settings, findings) = problem_toml::parse(&text);
         self.findings.append(findings);
         settings
     }
@@ -143,20 +156,10 @@ impl Reader<'_> {
             TerrainSettings::Plane(z_m) => return Some(ground.with(Terrain::Plane { z_m: *z_m })),
             TerrainSettings::Grid(file) => file,
         };
-        let bytes = match std::fs::read(self.folder.join(file)) {
-            Ok(bytes) => bytes,
-            Err(error) => {
-                let wanted = "the terrain grid that problem.toml names";
-                self.findings.error(Finding::of_file(file, wanted, &error.to_string()));
-                return None;
-            }
-        };
-        match Terrain::read_grid(file, &bytes) {
+        match read_grid(self.folder, file, "the terrain grid that problem.toml names") {
             Ok(terrain) => Some(ground.with(terrain)),
-            Err(faults) => {
-                for GridFault { line, column, wanted, found } in faults {
-                    self.findings.error(Finding { file: file.clone(), line, column, wanted, found });
-                }
+            Err(findings) => {
+                self.findings.append(findings);
                 None
             }
         }

@@ -88,10 +88,7 @@ pub fn parse(text: &str) -> (Option<Settings>, Findings) {
 }
 
 fn read(top: &Section) -> Option<Settings> {
-    let format = top.required("format", "1", || top.integer("format"));
-    if format.is_some_and(|format| format != 1) {
-        top.error("format", "1");
-    }
+    top.check_format();
     let name = top.required("name", "a text", || top.text("name"));
     let camera = top.required("camera", "a table [camera]", || top.table("camera", read_camera).flatten());
     let noise = top.table("noise", read_noise).unwrap_or_else(|| Noise {
@@ -107,18 +104,7 @@ fn read(top: &Section) -> Option<Settings> {
         Some((camera, calibration, shutter)) => (Some(camera), calibration, shutter),
         None => (None, Calibration::default(), Shutter::default()),
     };
-    let mut vehicles: Vec<VehicleSettings> = Vec::new();
-    let found = top.tables("vehicle", |section| {
-        let vehicle = read_vehicle(section)?;
-        if vehicles.iter().any(|other| other.id == vehicle.id) {
-            section.error("id", "an id that no other vehicle has");
-        }
-        vehicles.push(vehicle);
-        Some(())
-    });
-    if found.is_empty() {
-        top.error("vehicle", "at least one table [[vehicle]]");
-    }
+    let vehicles = top.things("vehicle", "[[vehicle]]", read_vehicle, |vehicle| &vehicle.id);
     Some(Settings {
         name: name?,
         camera: camera?,

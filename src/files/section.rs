@@ -27,8 +27,9 @@ pub struct Section<'d, 't> {
 }
 
 impl<'a> Document<'a> {
-    /// The document `file` (relative to the problem folder) of this text.
+    /// The document `file` (relative to its folder) of this text, which may begin with a byte-order mark.
     pub fn new(file: &'a str, text: &'a str) -> Self {
+        let text = text.trim_start_matches('\u{feff}');
         Document { file, text, findings: RefCell::default(), is_strict: false }
     }
 
@@ -152,6 +153,14 @@ impl<'d, 't> Section<'d, 't> {
         self.get(key, "a table")
     }
 
+    /// Checks that `format` is there and is 1.
+    pub fn check_format(&self) {
+        let format = self.required("format", "1", || self.integer("format"));
+        if format.is_some_and(|format| format != 1) {
+            self.error("format", "1");
+        }
+    }
+
     /// Yes or no.
     pub fn flag(&self, key: &'static str) -> Option<bool> {
         self.get(key, "true or false")
@@ -233,6 +242,29 @@ impl<'d, 't> Section<'d, 't> {
             self.error(key, "an array of tables");
             Vec::new()
         })
+    }
+
+    /// Reads the tables of things that have an id, one at least; `kind` says what such a table looks like.
+    pub fn things<T>(
+        &self,
+        key: &'static str,
+        kind: &str,
+        mut read: impl FnMut(&Section) -> Option<T>,
+        id: impl Fn(&T) -> &str,
+    ) -> Vec<T> {
+        let mut things: Vec<T> = Vec::new();
+        let found = self.tables(key, |section| {
+            let thing = read(section)?;
+            if things.iter().any(|other| id(other) == id(&thing)) {
+                section.error("id", &format!("an id that no other {key} has"));
+            }
+            things.push(thing);
+            Some(())
+        });
+        if found.is_empty() {
+            self.error(key, &format!("at least one table {kind}"));
+        }
+        things
     }
 
     fn read_table<T>(

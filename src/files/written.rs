@@ -19,7 +19,7 @@ const TIME_DIGITS: i32 = 7;
 const QUATERNION_DIGITS: i32 = 10;
 
 /// Columns of a pose.
-pub const POSE_COLUMNS: [&str; 7] = ["x", "y", "z", "qw", "qx", "qy", "qz"];
+const POSE_COLUMNS: [&str; 7] = ["x", "y", "z", "qw", "qx", "qy", "qz"];
 
 /// A number with so many digits after the point, without zeros at the end.
 pub fn decimal(value: f64, digits: i32) -> String {
@@ -29,14 +29,14 @@ pub fn decimal(value: f64, digits: i32) -> String {
 }
 
 /// The cells of a pose, in the order of [`POSE_COLUMNS`].
-pub fn pose_cells(pose: &Pose) -> [String; 7] {
+fn pose_cells(pose: &Pose) -> [String; 7] {
     let [x, y, z]: [f64; 3] = pose.translation.vector.into();
     let [a, b, c, d] = quaternion_wxyz(pose).map(|v| decimal(v, QUATERNION_DIGITS));
     [metres(x), metres(y), metres(z), a, b, c, d]
 }
 
 /// A known coordinate and its standard deviation, or two empty cells.
-pub fn number_sigma(known: Option<Known>) -> [String; 2] {
+fn number_sigma(known: Option<Known>) -> [String; 2] {
     known.map_or_else(Default::default, |k| [metres(k.value_m), metres(k.sigma_m)])
 }
 
@@ -68,18 +68,11 @@ pub fn problem_files(problem: &Problem, grid: Option<&str>) -> Vec<(String, Vec<
     });
     add("vehicle_observations.csv", written(&["frame", "vehicle", "point", "u", "v", "sigma_px"], seen));
     if problem.camera_poses.iter().any(Option::is_some) {
-        let rows = problem.camera_poses.iter().enumerate();
-        let rows = rows.filter_map(|(at, pose)| Some((number(at), pose_cells(pose.as_ref()?))));
-        let rows = rows.map(|(frame, cells)| std::iter::once(frame).chain(cells));
-        add("camera_poses.csv", written(&[&["frame"], &POSE_COLUMNS[..]].concat(), rows));
+        add("camera_poses.csv", camera_pose_table(problem, &problem.camera_poses));
     }
     if problem.vehicles.iter().any(|vehicle| !vehicle.has_no_poses()) {
-        let rows = problem.vehicles.iter().flat_map(|vehicle| {
-            let poses = vehicle.poses.iter().enumerate();
-            poses.filter_map(|(at, pose)| Some((at, vehicle.id.clone(), pose_cells(pose.as_ref()?))))
-        });
-        let rows = rows.map(|(at, vehicle, cells)| [number(at), vehicle].into_iter().chain(cells));
-        add("vehicle_poses.csv", written(&[&["frame", "vehicle"], &POSE_COLUMNS[..]].concat(), rows));
+        let poses = problem.vehicles.iter().map(|vehicle| vehicle.poses.as_slice());
+        add("vehicle_poses.csv", vehicle_pose_table(problem, poses));
     }
     if !problem.targets.is_empty() {
         let rows = problem.targets.iter().map(|target| {
@@ -125,6 +118,26 @@ pub fn problem_files(problem: &Problem, grid: Option<&str>) -> Vec<(String, Vec<
         add("observations/gnss.csv", written(&header, rows));
     }
     files
+}
+
+/// The table of these camera poses of a problem, one for each frame.
+pub fn camera_pose_table(problem: &Problem, poses: &[Option<Pose>]) -> Vec<u8> {
+    let rows = problem.frames.iter().zip(poses);
+    let rows = rows.filter_map(|(frame, pose)| Some((frame.number.to_string(), pose_cells(pose.as_ref()?))));
+    let rows = rows.map(|(frame, cells)| std::iter::once(frame).chain(cells));
+    written(&[&["frame"], &POSE_COLUMNS[..]].concat(), rows)
+}
+
+/// The table of these poses of the vehicles of a problem, one for each frame.
+pub fn vehicle_pose_table<'p>(problem: &Problem, poses: impl Iterator<Item = &'p [Option<Pose>]>) -> Vec<u8> {
+    let rows = problem.vehicles.iter().zip(poses).flat_map(|(vehicle, poses)| {
+        let rows = problem.frames.iter().zip(poses);
+        rows.filter_map(|(frame, pose)| {
+            Some((frame.number.to_string(), &vehicle.id, pose_cells(pose.as_ref()?)))
+        })
+    });
+    let rows = rows.map(|(frame, id, cells)| [frame, id.clone()].into_iter().chain(cells));
+    written(&[&["frame", "vehicle"], &POSE_COLUMNS[..]].concat(), rows)
 }
 
 /// A text in TOML.

@@ -136,16 +136,12 @@ struct Component {
 }
 
 impl Component {
-    /// Of values row by row those that say how strong it is.
-    fn telling<'v>(&self, rows: impl Iterator<Item = &'v f64>) -> impl Iterator<Item = &'v f64> {
-        let telling = self.telling;
-        rows.enumerate().filter(move |(row, _)| telling[row % 3]).map(|(_, value)| value)
-    }
-
     /// Whitened rows that say how strong it is, one measurement after the other.
     fn telling_rows(&self, system: &System, values: &Values) -> Vec<Vec<f64>> {
-        let all = system.residuals(self.group, values);
-        all.iter().flatten().map(|rows| self.telling(rows.iter()).copied().collect()).collect()
+        let telling = |rows: Vec<f64>| {
+            rows.into_iter().zip(self.telling).filter(|(_, tells)| *tells).map(|(row, _)| row).collect()
+        };
+        system.residuals(self.group, values).into_iter().flatten().map(telling).collect()
     }
 
     /// The power of a factor to apply. The plain iteration closes only a share of the distance each

@@ -1,11 +1,12 @@
 //! The folder of a study or of a plan: tables, a page, and what it was made of.
 
+use super::File;
 use super::folder::{PROGRAM, PROGRAM_KEY};
 use super::page::study_page;
-use super::{File, tables::text_table};
 use crate::study::plan::Choice;
-use crate::study::summary::{name, number, table};
+use crate::study::summary::{name, number, table, without_result};
 use crate::study::{Outcome, Study, told};
+use crate::tables::written;
 use serde_json::json;
 
 /// A study with what came out of it.
@@ -13,8 +14,6 @@ use serde_json::json;
 pub struct StudyReport<'a> {
     /// The study.
     pub study: &'a Study,
-    /// Ids of the vehicles of each scenario.
-    pub vehicles: &'a [Vec<String>],
     /// What came out of each cell.
     pub outcomes: &'a [Outcome],
     /// The command that was given.
@@ -25,16 +24,15 @@ pub struct StudyReport<'a> {
 
 /// The files of the folder.
 pub fn study_files(report: &StudyReport) -> Vec<File> {
-    let StudyReport { study, vehicles, outcomes, command, plan } = *report;
-    let (header, rows) = table(study, vehicles, outcomes);
-    let mut files = vec![("cells.csv".to_owned(), text_table(&header, &rows))];
+    let StudyReport { study, outcomes, command, plan } = *report;
+    let (header, rows) = table(study, outcomes);
+    let mut files = vec![("cells.csv".to_owned(), written(&header, rows))];
     if let Some((choices, cheapest)) = plan {
         let (header, rows) = plan_table(study, choices, cheapest);
-        files.push(("plan.csv".to_owned(), text_table(&header, &rows)));
+        files.push(("plan.csv".to_owned(), written(&header, rows)));
     }
     let page = study_page(report);
     files.push(("report.html".to_owned(), page.into_bytes()));
-    let failed: usize = outcomes.iter().map(|o| o.runs.iter().filter(|run| run.is_err()).count()).sum();
     let summary = json!({
         PROGRAM_KEY: PROGRAM,
         "version": env!("CARGO_PKG_VERSION"),
@@ -49,7 +47,7 @@ pub fn study_files(report: &StudyReport) -> Vec<File> {
         "cells": outcomes.len(),
         "cells_not_computed": outcomes.iter().filter(|o| o.prediction.is_err()).count(),
         "runs_per_cell": study.runs,
-        "runs_without_result": failed,
+        "runs_without_result": without_result(outcomes),
         "inputs": study.inputs,
     });
     let mut text = serde_json::to_string_pretty(&summary).expect("plain values");
@@ -65,8 +63,7 @@ pub fn plan_table(
     choices: &[Choice],
     cheapest: Option<usize>,
 ) -> (Vec<String>, Vec<Vec<String>>) {
-    let mut header: Vec<String> = ["cell", "scenario"].map(str::to_owned).to_vec();
-    header.extend(study.axes.iter().map(|axis| axis.parameter.clone()));
+    let mut header = study.cell_columns();
     header.extend(
         ["feasible", "cheapest", "worst_ratio", "worst_quantity", "view_m2", "targets", "points"]
             .map(str::to_owned),
@@ -83,9 +80,7 @@ pub fn plan_table(
             .then(a.cell.cmp(&b.cell))
     });
     let rows = order.into_iter().map(|choice| {
-        let cell = &cells[choice.cell];
-        let mut row = vec![choice.cell.to_string(), study.scenarios[cell.scenario].name.clone()];
-        row.extend(study.axes.iter().zip(&cell.values).map(|(axis, at)| told(&axis.values[*at])));
+        let mut row = study.cell_cells(choice.cell, &cells[choice.cell]);
         let yes = |is: bool| if is { "yes" } else { "no" }.to_owned();
         let effort =
             choice.effort.map(|count| if count == usize::MAX { String::new() } else { count.to_string() });

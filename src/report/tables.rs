@@ -64,14 +64,6 @@ pub(super) fn table<R: ResultRow>(name: &str, rows: Vec<R>) -> File {
     (name.to_owned(), writer.into_inner().expect("writing to memory"))
 }
 
-/// A table of texts as CSV.
-pub(super) fn text_table(header: &[String], rows: &[Vec<String>]) -> Vec<u8> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(header).expect("writing to memory");
-    rows.iter().for_each(|row| writer.write_record(row).expect("a row as long as the header"));
-    writer.into_inner().expect("writing to memory")
-}
-
 /// Position and quaternion as they are written.
 fn pose_numbers(pose: &Pose) -> ([f64; 3], [f64; 4]) {
     let position: [f64; 3] = pose.translation.vector.into();

@@ -88,10 +88,10 @@ fn car([length, width, height]: [f64; 3]) -> Vec<[Vector3<f64>; 4]> {
 
 impl Body {
     /// The body of a vehicle. `seed` draws the points that stand for the scan of a parametric one.
-    pub fn new(settings: &BodySettings, seed: u64, thing: usize) -> Result<Body, Findings> {
+    pub fn new(settings: &BodySettings, folder: &Path, seed: u64, thing: usize) -> Result<Body, Findings> {
         match settings {
             BodySettings::Car { size_m } => Ok(Body::car(*size_m, seed, thing)),
-            BodySettings::Scan(path) => Body::read(path),
+            BodySettings::Scan(file) => Body::read(folder, file),
         }
     }
 
@@ -113,15 +113,9 @@ impl Body {
         body
     }
 
-    fn read(path: &Path) -> Result<Body, Findings> {
-        let refused = |finding: Finding| {
-            let mut findings = Findings::default();
-            findings.error(finding);
-            findings
-        };
-        let file = path.display().to_string();
-        let Scan { points, triangles, .. } = read_cloud(path, &file).map_err(refused)?;
-        let unfit = |wanted: &str, found: String| refused(Finding::of_file(&file, wanted, &found));
+    fn read(folder: &Path, file: &str) -> Result<Body, Findings> {
+        let Scan { points, triangles, .. } = read_cloud(&folder.join(file), file)?;
+        let unfit = |wanted: &str, found: String| Findings::from(Finding::of_file(file, wanted, &found));
         let far = points.iter().find(|p| p.coords.norm() > 50.0);
         if let Some(far) = far {
             let found = format!("a point at ({:.1}, {:.1}, {:.1})", far.x, far.y, far.z);
@@ -226,7 +220,7 @@ mod tests {
     #[test]
     fn a_car_has_its_size_and_faces_outwards() {
         let size = [4.5, 1.8, 1.5];
-        let body = Body::new(&BodySettings::Car { size_m: size }, 1, 0).unwrap();
+        let body = Body::new(&BodySettings::Car { size_m: size }, Path::new(""), 1, 0).unwrap();
         let mut rng = stream(1, 0, Purpose::Body, 0);
         let mut top = 0;
         for _ in 0..2000 {
@@ -244,14 +238,15 @@ mod tests {
 
     #[test]
     fn a_scan_faces_outwards_too() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("problems/suv-exact/reference/car1.ply");
-        let body = Body::new(&BodySettings::Scan(path.clone()), 1, 0).unwrap();
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("problems/suv-exact/reference");
+        let read = |file: &str| Body::new(&BodySettings::Scan(file.to_owned()), &folder, 1, 0);
+        let body = read("car1.ply").unwrap();
         let mut rng = stream(1, 0, Purpose::Body, 0);
         for _ in 0..300 {
             let (p, n) = body.point(&mut rng);
             assert!(body.scan.contains(&p));
             assert!(n.dot(&body.axis.outwards(&p)) >= 0.0);
         }
-        assert!(Body::new(&BodySettings::Scan(path.with_extension("xyz")), 1, 0).is_err());
+        assert!(read("car1.xyz").is_err());
     }
 }

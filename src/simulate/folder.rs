@@ -1,7 +1,8 @@
 //! A film as a problem folder with its truth.
 
 use super::{Film, World};
-use crate::files::{POSE_COLUMNS, decimal, pose_cells, problem_files};
+use crate::files::{camera_pose_table, decimal, problem_files, vehicle_pose_table};
+use crate::geometry::Pose;
 use crate::tables::{Finding, Findings, written};
 use std::path::Path;
 
@@ -10,25 +11,21 @@ use std::path::Path;
 pub fn simulated_files(world: &World, film: &Film) -> Result<Vec<(String, Vec<u8>)>, Findings> {
     let Film { problem, truth, .. } = film;
     let grid = world.scenario.terrain.grid.as_ref();
-    let grid_name = grid.map(|path| {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("asc");
+    let grid_name = grid.map(|file| {
+        let extension = Path::new(file).extension().and_then(|e| e.to_str()).unwrap_or("asc");
         format!("terrain.{}", extension.to_ascii_lowercase())
     });
     let mut files = problem_files(problem, grid_name.as_deref());
-    if let (Some(path), Some(name), true) = (grid, &grid_name, problem.ground.is_some()) {
-        files.push((name.clone(), read(path)?));
+    if let (Some(file), Some(name), true) = (grid, &grid_name, problem.ground.is_some()) {
+        let bytes = std::fs::read(world.scenario.folder.join(file))
+            .map_err(|error| Finding::of_file(file, "a file that can be read", &error.to_string()))?;
+        files.push((name.clone(), bytes));
     }
     let frame = |at: usize| problem.frames[at].number.to_string();
-    let header = |keys: &[&'static str]| -> Vec<&'static str> { [keys, &POSE_COLUMNS[..]].concat() };
-    let rows = truth.camera_poses.iter().enumerate();
-    let rows = rows.map(|(at, pose)| std::iter::once(frame(at)).chain(pose_cells(pose)));
-    files.push(("truth/camera_poses.csv".to_owned(), written(&header(&["frame"]), rows)));
-    let rows = problem.vehicles.iter().zip(&truth.vehicles).flat_map(|(vehicle, found)| {
-        let poses = found.poses.iter().enumerate();
-        poses.filter_map(|(at, pose)| Some((at, vehicle.id.clone(), pose_cells(pose.as_ref()?))))
-    });
-    let rows = rows.map(|(at, id, cells)| [frame(at), id].into_iter().chain(cells));
-    files.push(("truth/vehicle_poses.csv".to_owned(), written(&header(&["frame", "vehicle"]), rows)));
+    let cameras: Vec<Option<Pose>> = truth.camera_poses.iter().copied().map(Some).collect();
+    files.push(("truth/camera_poses.csv".to_owned(), camera_pose_table(problem, &cameras)));
+    let vehicles = truth.vehicles.iter().map(|found| found.poses.as_slice());
+    files.push(("truth/vehicle_poses.csv".to_owned(), vehicle_pose_table(problem, vehicles)));
     let metres = |v: &f64| decimal(*v, 6);
     let rows = problem.vehicles.iter().zip(&truth.vehicles).flat_map(|(vehicle, found)| {
         let points = vehicle.points.iter().zip(&found.points);
@@ -101,13 +98,4 @@ fn parameters(film: &Film) -> Vec<u8> {
         }
     }
     written(&["name", "value"], rows)
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, Findings> {
-    std::fs::read(path).map_err(|error| {
-        let mut findings = Findings::default();
-        let file = path.display().to_string();
-        findings.error(Finding::of_file(&file, "a file that can be read", &error.to_string()));
-        findings
-    })
 }

@@ -19,6 +19,7 @@ mod vary;
 mod wander;
 
 use crate::estimate::Estimate;
+use crate::files::{named_text, read_grid};
 use crate::problem::Problem;
 use crate::reference::GnssPosition;
 use crate::tables::{Finding, Findings};
@@ -92,14 +93,7 @@ pub const MARKER: &str = "mark";
 
 /// Reads the scenario in a file.
 pub fn read_scenario(path: &Path) -> Result<Scenario, Findings> {
-    let file = path
-        .file_name()
-        .map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
-    let text = std::fs::read_to_string(path).map_err(|error| {
-        let mut findings = Findings::default();
-        findings.error(Finding::of_file(&file, "a scenario that can be read", &error.to_string()));
-        findings
-    })?;
+    let (file, text) = named_text(path, "a scenario that can be read")?;
     parse(&file, &text, path.parent().unwrap_or(Path::new("")))
 }
 
@@ -111,7 +105,7 @@ impl World {
         let mut findings = Findings::default();
         let mut vehicles = Vec::new();
         for (at, settings) in scenario.vehicles.iter().enumerate() {
-            let body = match Body::new(&settings.body, seed, at) {
+            let body = match Body::new(&settings.body, &scenario.folder, seed, at) {
                 Ok(body) => body,
                 Err(found) => {
                     findings.append(found);
@@ -120,7 +114,7 @@ impl World {
             };
             let rows = match &settings.path {
                 PathSettings::Driven { .. } => Vec::new(),
-                PathSettings::File(file) => match path::read_rows(file) {
+                PathSettings::File(file) => match path::read_rows(&scenario.folder, file) {
                     Ok(rows) => rows,
                     Err(found) => {
                         findings.append(found);
@@ -133,11 +127,7 @@ impl World {
             if !rows.is_empty() && film_s > end_s + 1e-6 {
                 let PathSettings::File(file) = &settings.path else { continue };
                 let wanted = format!("a path as long as the film, {film_s:.3} s");
-                findings.error(Finding::of_file(
-                    &file.display().to_string(),
-                    &wanted,
-                    &format!("{end_s:.3} s"),
-                ));
+                findings.error(Finding::of_file(file, &wanted, &format!("{end_s:.3} s")));
             }
             let tracks = tracks(settings, &body, scenario.film.frames, scenario.film.rate_hz, seed, at);
             vehicles.push(Tracked { body, rows, tracks });
@@ -173,26 +163,10 @@ impl World {
 }
 
 fn read_terrain(scenario: &Scenario) -> Result<Terrain, Findings> {
-    let Some(path) = &scenario.terrain.grid else {
-        return Ok(Terrain::Plane { z_m: scenario.terrain.plane_z_m });
-    };
-    let file = path.display().to_string();
-    let mut findings = Findings::default();
-    match std::fs::read(path) {
-        Err(error) => findings.error(Finding::of_file(&file, "a grid that can be read", &error.to_string())),
-        Ok(bytes) => match Terrain::read_grid(&file, &bytes) {
-            Ok(terrain) => return Ok(terrain),
-            Err(faults) => {
-                for fault in faults {
-                    findings.error(Finding {
-                        line: fault.line,
-                        ..Finding::of_file(&file, &fault.wanted, &fault.found)
-                    });
-                }
-            }
-        },
+    match &scenario.terrain.grid {
+        None => Ok(Terrain::Plane { z_m: scenario.terrain.plane_z_m }),
+        Some(file) => read_grid(&scenario.folder, file, "the terrain grid that the scenario names"),
     }
-    Err(findings)
 }
 
 /// The number of this index in the sequence of van der Corput in a base: spread evenly, however many.
@@ -218,10 +192,8 @@ fn targets(scenario: &Scenario, terrain: &Terrain) -> Result<Vec<Point3<f64>>, F
 }
 
 fn no_ground(scenario: &Scenario, what: &str, error: &str) -> Findings {
-    let mut findings = Findings::default();
-    let file = scenario.terrain.grid.as_ref().map_or_else(String::new, |path| path.display().to_string());
-    findings.error(Finding::of_file(&file, &format!("ground under {what}"), error));
-    findings
+    let file = scenario.terrain.grid.as_deref().unwrap_or_default();
+    Finding::of_file(file, &format!("ground under {what}"), error).into()
 }
 
 /// The tracks of a vehicle: as many at a time as it has points, each followed by another when it ends.

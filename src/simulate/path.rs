@@ -38,19 +38,18 @@ input_row!(
 );
 
 /// Reads the rows of a path; `time_s` of the first is that of the first frame.
-pub fn read_rows(path: &Path) -> Result<Vec<Fix>, Findings> {
+pub fn read_rows(folder: &Path, file: &str) -> Result<Vec<Fix>, Findings> {
     let mut findings = Findings::default();
-    let file = path.display().to_string();
-    let rows = tables::read::<PathRow>(Path::new(""), &file, &mut findings).unwrap_or_default();
+    let rows = tables::read::<PathRow>(folder, file, &mut findings).unwrap_or_default();
     for pair in rows.windows(2) {
         if pair[1].row.time_s <= pair[0].row.time_s {
             let wanted = "a time after that of the row before";
             let found = pair[1].row.time_s.to_string();
-            findings.error(Finding::of_cell(&file, pair[1].line, "time_s", wanted, &found));
+            findings.error(Finding::of_cell(file, pair[1].line, "time_s", wanted, &found));
         }
     }
     if rows.len() < 2 && !findings.is_invalid() {
-        findings.error(Finding::of_file(&file, "two rows or more", &format!("{}", rows.len())));
+        findings.error(Finding::of_file(file, "two rows or more", &format!("{}", rows.len())));
     }
     if findings.is_invalid() {
         return Err(findings);
@@ -255,15 +254,16 @@ mod tests {
     #[test]
     fn a_path_from_a_file_passes_its_rows_and_is_smooth() {
         let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("path.csv");
+        let file = "path.csv".to_owned();
         let place = |t: f64| (20.0 * (0.3 * t).sin(), 20.0 * (1.0 - (0.3 * t).cos()));
         let rows = (0..30).map(|k| {
             let t = 0.2 * f64::from(k);
             let (x, y) = place(t);
             format!("{},{x},{y}\n", t + 100.0)
         });
-        std::fs::write(&file, format!("time_s,x,y\n{}", rows.collect::<String>())).unwrap();
-        let rows = read_rows(&file).unwrap();
+        let text = format!("time_s,x,y\n{}", rows.collect::<String>());
+        std::fs::write(folder.path().join(&file), text).unwrap();
+        let rows = read_rows(folder.path(), &file).unwrap();
         assert!((PlanPath::end_s(&rows) - 5.8).abs() < 1e-9);
         let mut settings = vehicle(PathSettings::File(file));
         (settings.x_m, settings.y_m, settings.heading_deg) = (0.0, 0.0, 0.0);

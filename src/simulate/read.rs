@@ -18,21 +18,15 @@ const MOST_POINTS: f64 = 100_000.0;
 /// Reads a scenario. Files that it names are beside it, in `folder`. Unknown keys are findings: a scenario with a
 /// word misspelt would be another one.
 pub fn parse(file: &str, text: &str, folder: &Path) -> Result<Scenario, Findings> {
-    let (scenario, mut findings) = Document::new(file, text).strict().read(|top| read(top, folder));
+    let (scenario, findings) = Document::new(file, text).strict().read(|top| read(top, folder));
     match scenario.flatten() {
         Some(scenario) if !findings.is_invalid() => Ok(scenario),
-        _ => {
-            debug_assert!(findings.is_invalid());
-            Err(std::mem::take(&mut findings))
-        }
+        _ => Err(findings),
     }
 }
 
 fn read(top: &Section, folder: &Path) -> Option<Scenario> {
-    let format = top.required("format", "1", || top.integer("format"));
-    if format.is_some_and(|format| format != 1) {
-        top.error("format", "1");
-    }
+    top.check_format();
     let name = top.required("name", "a text", || top.text("name"));
     let seed = whole(top, "seed", 1, 0.0, 9e15);
     let camera = top.required("camera", "a table [camera]", || top.table("camera", camera)).flatten();
@@ -40,7 +34,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
     let film = top.table("film", |film| read_film(film, rate_hz));
     let film = film.unwrap_or(FilmSettings { frames: 150, rate_hz });
     let flight = top.required("flight", "a table [flight]", || top.table("flight", flight)).flatten();
-    let terrain = top.table("terrain", |terrain| read_terrain(terrain, folder)).unwrap_or(TerrainSettings {
+    let terrain = top.table("terrain", read_terrain).unwrap_or(TerrainSettings {
         grid: None,
         plane_z_m: 0.0,
         is_known: true,
@@ -49,18 +43,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         bias_sigma_m: 0.0,
         tilt_sigma_deg: 0.1,
     });
-    let mut vehicles: Vec<VehicleSettings> = Vec::new();
-    let found = top.tables("vehicle", |section| {
-        let vehicle = vehicle(section, folder)?;
-        if vehicles.iter().any(|other| other.id == vehicle.id) {
-            section.error("id", "an id that no other vehicle has");
-        }
-        vehicles.push(vehicle);
-        Some(())
-    });
-    if found.is_empty() {
-        top.error("vehicle", "at least one table [[vehicle]]");
-    }
+    let vehicles = top.things("vehicle", "[[vehicle]]", vehicle, |vehicle| &vehicle.id);
     let targets = top.table("targets", targets);
     let targets = targets.unwrap_or(TargetSettings {
         count: 0,
@@ -99,6 +82,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         top.error("terrain", "a known terrain to find vehicles on");
     }
     Some(Scenario {
+        folder: folder.to_owned(),
         name: name?,
         seed: seed as u64,
         camera: camera?.0,
@@ -230,8 +214,8 @@ fn flight(flight: &Section) -> Option<FlightSettings> {
     })
 }
 
-fn read_terrain(terrain: &Section, folder: &Path) -> TerrainSettings {
-    let grid = terrain.text("grid").map(|name| folder.join(name));
+fn read_terrain(terrain: &Section) -> TerrainSettings {
+    let grid = terrain.text("grid");
     if terrain.has("grid") && terrain.has("plane_z_m") {
         terrain.error("plane_z_m", "one of plane_z_m and grid");
     }
@@ -247,7 +231,7 @@ fn read_terrain(terrain: &Section, folder: &Path) -> TerrainSettings {
     }
 }
 
-fn vehicle(vehicle: &Section, folder: &Path) -> Option<VehicleSettings> {
+fn vehicle(vehicle: &Section) -> Option<VehicleSettings> {
     let id = read_vehicle_id(vehicle);
     let is_car = choice(vehicle, "kind", &[("other", false), ("car", true)]);
     let segments = vehicle.tables("segment", |segment| {
@@ -266,7 +250,7 @@ fn vehicle(vehicle: &Section, folder: &Path) -> Option<VehicleSettings> {
                     vehicle.error(key, "nothing with a path from a file");
                 }
             }
-            PathSettings::File(folder.join(name))
+            PathSettings::File(name)
         }
         None => PathSettings::Driven {
             speed_mps: vehicle.not_negative("speed_mps").unwrap_or(10.0),
@@ -276,7 +260,7 @@ fn vehicle(vehicle: &Section, folder: &Path) -> Option<VehicleSettings> {
     };
     let body = vehicle.table("body", |section| {
         if section.has("scan") {
-            return Some(BodySettings::Scan(folder.join(section.text("scan")?)));
+            return Some(BodySettings::Scan(section.text("scan")?));
         }
         let size = |key, default| {
             section.number(key, "from 0.5 to 30 m", |v| (0.5..=30.0).contains(&v)).unwrap_or(default)

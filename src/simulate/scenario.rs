@@ -9,6 +9,8 @@ use std::path::PathBuf;
 /// A scenario.
 #[derive(Clone, Debug)]
 pub struct Scenario {
+    /// Where it stands; what it names is beside it.
+    pub folder: PathBuf,
     /// Its name; that of the problem.
     pub name: String,
     /// What the random numbers begin from.
@@ -34,8 +36,8 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    /// The files that it names.
-    pub fn files(&self) -> Vec<PathBuf> {
+    /// The names of the files that it names.
+    pub fn files(&self) -> Vec<String> {
         let of_vehicle = |vehicle: &VehicleSettings| {
             let body = match &vehicle.body {
                 BodySettings::Scan(file) => Some(file.clone()),
@@ -123,7 +125,7 @@ pub struct FlightSettings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct TerrainSettings {
     /// The grid in this file; without one a plane.
-    pub grid: Option<PathBuf>,
+    pub grid: Option<String>,
     /// Height of the plane.
     pub plane_z_m: f64,
     /// Whether the problem has the terrain.
@@ -147,7 +149,7 @@ pub enum BodySettings {
         size_m: [f64; 3],
     },
     /// A cloud, or a mesh, in the vehicle frame.
-    Scan(PathBuf),
+    Scan(String),
 }
 
 /// A stretch of a path.
@@ -165,7 +167,7 @@ pub struct Segment {
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathSettings {
     /// As the table in this file says.
-    File(PathBuf),
+    File(String),
     /// With a speed and a curvature, or segments from the beginning of the film on; after the last it goes on.
     Driven {
         /// At the beginning.

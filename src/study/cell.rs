@@ -96,21 +96,19 @@ pub fn predict(scenario: &Scenario) -> Result<(Prediction, Prepared), String> {
         order.sort_by(|a, b| variances[*a].total_cmp(&variances[*b]));
         order.truncate(((BEST_SHARE * order.len() as f64).ceil() as usize).max(1));
         order.sort_unstable();
-        let speeds: Vec<f64> = tracks().map(|t| t.speed_mps.map_or(f64::INFINITY, square)).collect();
-        prediction.sigmas.push([
+        let mut sigmas = [
             root_mean(tracks().map(|t| square(t.position_m[0]) + square(t.position_m[1]))),
             root_mean(tracks().map(|t| square(t.position_m[2]))),
-            root_mean(speeds.into_iter()),
+            root_mean(tracks().map(|t| t.speed_mps.map_or(f64::INFINITY, square))),
             root_mean(tracks().map(|t| square(t.heading_rad.to_degrees()))),
             root_mean(order.iter().map(|point| variances[*point])),
             found.scales[at],
-        ]);
-        if found.scales[at] > MOST_SCALE
-            && let Some(sigmas) = prediction.sigmas.last_mut()
-        {
-            let of_scale = Quantity::ALL.iter().enumerate().filter(|(_, q)| **q != Quantity::Heading);
-            of_scale.for_each(|(quantity, _)| sigmas[quantity] = f64::INFINITY);
+        ];
+        if found.scales[at] > MOST_SCALE {
+            let of_scale = Quantity::ALL.into_iter().filter(|quantity| *quantity != Quantity::Heading);
+            of_scale.for_each(|quantity| sigmas[quantity as usize] = f64::INFINITY);
         }
+        prediction.sigmas.push(sigmas);
         best.push(order);
         let of = |quantity: Quantity| -> Vec<(String, f64)> {
             let is_it = |i: &&Influence| i.vehicle == at && i.quantity == quantity;

@@ -61,23 +61,33 @@ impl Kept {
     pub fn open(folder: &Path, study: &Study) -> Result<Kept, StudyError> {
         let failed = |error| StudyError::Io(folder.to_owned(), error);
         // Another version may compute other numbers.
-        let inputs = format!("# trackbundle {}\n{}", env!("CARGO_PKG_VERSION"), study.inputs);
-        let file = folder.join(INPUTS);
-        if std::fs::symlink_metadata(folder).is_ok() {
-            let is_same = std::fs::read_to_string(&file).is_ok_and(|text| text == inputs);
-            return if is_same {
-                Ok(Kept { folder: folder.to_owned() })
-            } else {
-                Err(StudyError::Other(folder.to_owned()))
-            };
+        let inputs =
+            format!("# trackbundle {}, {} runs\n{}", env!("CARGO_PKG_VERSION"), study.runs, study.inputs);
+        let kept = Kept { folder: folder.to_owned() };
+        if std::fs::symlink_metadata(folder).is_err() {
+            std::fs::create_dir_all(folder).map_err(failed)?;
         }
-        // Never a folder without its inputs.
-        let begun = folder.with_extension("begun");
-        let _ = std::fs::remove_dir_all(&begun);
-        std::fs::create_dir_all(&begun).map_err(failed)?;
-        std::fs::write(begun.join(INPUTS), inputs).map_err(failed)?;
-        std::fs::rename(&begun, folder).map_err(failed)?;
-        Ok(Kept { folder: folder.to_owned() })
+        match std::fs::read_to_string(folder.join(INPUTS)) {
+            Ok(text) if text == inputs => {}
+            Err(_) if kept.was_just_begun() => kept.save(INPUTS, &inputs).map_err(failed)?,
+            _ => return Err(StudyError::Other(folder.to_owned())),
+        }
+        Ok(kept)
+    }
+
+    /// Whether there is nothing in it, or inputs that were not written whole.
+    fn was_just_begun(&self) -> bool {
+        let is_begun = |entry: io::Result<std::fs::DirEntry>| {
+            entry.is_ok_and(|entry| entry.file_name().to_str() == Some(&unfinished(INPUTS)))
+        };
+        std::fs::read_dir(&self.folder).is_ok_and(|mut entries| entries.all(is_begun))
+    }
+
+    /// Writes a file: all of it, or nothing under its name.
+    fn save(&self, name: &str, text: &str) -> io::Result<()> {
+        let place = self.folder.join(unfinished(name));
+        std::fs::write(&place, text)?;
+        std::fs::rename(&place, self.folder.join(name))
     }
 
     fn read<P: Part>(&self, name: &str) -> Option<P> {
@@ -85,16 +95,18 @@ impl Kept {
     }
 
     fn write<P: Part>(&self, name: &str, part: &P) -> Result<(), StudyError> {
-        let failed = |error| StudyError::Io(self.folder.clone(), error);
-        let unfinished = self.folder.join(format!("{name}.unfinished"));
-        std::fs::write(&unfinished, part.to_text()).map_err(failed)?;
-        std::fs::rename(&unfinished, self.folder.join(name)).map_err(failed)
+        self.save(name, &part.to_text()).map_err(|error| StudyError::Io(self.folder.clone(), error))
     }
 
     /// Takes it away, when the study is whole.
     pub fn remove(self) -> io::Result<()> {
         std::fs::remove_dir_all(self.folder)
     }
+}
+
+/// What a file is called until it is whole.
+fn unfinished(name: &str) -> String {
+    format!("{name}.unfinished")
 }
 
 /// How far a study is: steps that are done, of how many.

@@ -1,9 +1,11 @@
 //! `STUDY.toml`: scenarios, what varies of them, and what is wanted.
 
 use crate::files::section::{Document, Section};
+use crate::files::{input_file, named_text};
 use crate::simulate::scenario::Scenario;
 use crate::simulate::{Value, parse, vary};
 use crate::tables::{Finding, Findings};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The most cells, and the most runs of each.
@@ -34,6 +36,8 @@ pub struct Study {
 pub struct BaseScenario {
     /// Its name.
     pub name: String,
+    /// Ids of its vehicles.
+    pub vehicles: Vec<String>,
     file: PathBuf,
     text: String,
     set: Vec<(String, Value)>,
@@ -87,17 +91,8 @@ pub fn told(value: &Value) -> String {
 
 /// Reads a study.
 pub fn read_study(path: &Path) -> Result<Study, Findings> {
-    let file = path
-        .file_name()
-        .map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+    let (file, text) = named_text(path, "a study that can be read")?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let refused = |finding| {
-        let mut findings = Findings::default();
-        findings.error(finding);
-        findings
-    };
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| refused(Finding::of_file(&file, "a study that can be read", &error.to_string())))?;
     let (study, findings) = Document::new(&file, &text).strict().read(|top| read(top, folder));
     let mut study = match study.flatten() {
         Some(study) if !findings.is_invalid() => study,
@@ -109,25 +104,28 @@ pub fn read_study(path: &Path) -> Result<Study, Findings> {
     }
     // Every value of every axis at least once, before anything is computed.
     let mut findings = Findings::default();
-    let mut files = std::collections::BTreeSet::new();
-    let checked =
-        |scenario: usize, values: &[usize]| study.scenario(&Cell { scenario, values: values.to_vec() });
-    for scenario in 0..study.scenarios.len() {
-        let first = vec![0; study.axes.len()];
-        let mut choices = vec![first.clone()];
-        for (at, axis) in study.axes.iter().enumerate() {
-            for value in 1..axis.values.len() {
-                let mut choice = first.clone();
-                choice[at] = value;
-                choices.push(choice);
-            }
-        }
-        for choice in choices {
-            match checked(scenario, &choice) {
-                Ok(found) => files.extend(found.files()),
+    let mut files: BTreeSet<(PathBuf, String)> = BTreeSet::new();
+    for at in 0..study.scenarios.len() {
+        let first = Cell { scenario: at, values: vec![0; study.axes.len()] };
+        let others = study
+            .axes
+            .iter()
+            .enumerate()
+            .flat_map(|(axis, of)| (1..of.values.len()).map(move |value| (axis, value)));
+        let others = others.map(|(axis, value)| {
+            let mut cell = first.clone();
+            cell.values[axis] = value;
+            cell
+        });
+        for cell in std::iter::once(first.clone()).chain(others).collect::<Vec<_>>() {
+            match study.scenario(&cell) {
+                Ok(found) => {
+                    files.extend(found.files().into_iter().map(|name| (found.folder.clone(), name)));
+                    study.scenarios[at].vehicles = found.vehicles.into_iter().map(|v| v.id).collect();
+                }
                 Err(why) => {
-                    let what = study.told(&Cell { scenario, values: choice });
-                    findings.error(Finding::of_file(&file, &format!("a scenario with {what}"), &why));
+                    let wanted = format!("a scenario with {}", study.told(&cell));
+                    findings.error(Finding::of_file(&file, &wanted, &why));
                 }
             }
         }
@@ -135,26 +133,15 @@ pub fn read_study(path: &Path) -> Result<Study, Findings> {
     if findings.is_invalid() {
         return Err(findings);
     }
-    for path in files {
-        let digest = std::fs::read(&path).map_or(0, |bytes| fingerprint(&bytes));
-        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        study.inputs += &format!("\n# {name} {digest:016x}");
+    for (folder, name) in files {
+        let digest = input_file(&folder, &name).map_or_else(String::new, |file| file.sha256);
+        study.inputs += &format!("\n# {name} {digest}");
     }
     Ok(study)
 }
 
-/// A number that tells files apart (FNV-1a).
-fn fingerprint(bytes: &[u8]) -> u64 {
-    bytes
-        .iter()
-        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
-}
-
 fn read(top: &Section, folder: &Path) -> Option<Study> {
-    let format = top.required("format", "1", || top.integer("format"));
-    if format.is_some_and(|format| format != 1) {
-        top.error("format", "1");
-    }
+    top.check_format();
     let name = top.required("name", "a text", || top.text("name"));
     let title = top.text("title").unwrap_or_default();
     let names = match top.has("scenarios") {
@@ -170,7 +157,7 @@ fn read(top: &Section, folder: &Path) -> Option<Study> {
         match std::fs::read_to_string(&file) {
             Ok(text) => {
                 let name = file.file_stem().map_or(name, |stem| stem.to_string_lossy().into_owned());
-                scenarios.push(BaseScenario { name, file, text, set: set.clone() });
+                scenarios.push(BaseScenario { name, vehicles: Vec::new(), file, text, set: set.clone() });
             }
             Err(error) => {
                 let key = if top.has("scenarios") { "scenarios" } else { "scenario" };
@@ -250,6 +237,18 @@ impl Study {
             let told = findings.errors().map(|f| Finding { line: None, ..f.clone() }.to_string());
             told.collect::<Vec<_>>().join("; ")
         })
+    }
+
+    /// Names of the columns by which a table tells a cell.
+    pub fn cell_columns(&self) -> Vec<String> {
+        let axes = self.axes.iter().map(|axis| axis.parameter.clone());
+        ["cell", "scenario"].map(str::to_owned).into_iter().chain(axes).collect()
+    }
+
+    /// What stands in them for a cell, of this number.
+    pub fn cell_cells(&self, number: usize, cell: &Cell) -> Vec<String> {
+        let values = self.axes.iter().zip(&cell.values).map(|(axis, at)| told(&axis.values[*at]));
+        [number.to_string(), self.scenarios[cell.scenario].name.clone()].into_iter().chain(values).collect()
     }
 
     /// A cell in words.

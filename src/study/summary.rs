@@ -1,8 +1,8 @@
 //! A study in rows: for each cell, vehicle and quantity what is expected, what was observed, and from what it comes.
 
-use super::cell::{RunErrors, WITHIN_M};
-use super::settings::{Study, told};
-use super::{Outcome, settings::Cell};
+use super::Outcome;
+use super::cell::RunErrors;
+use super::settings::{Cell, Study};
 use crate::diagnose::Quantity;
 use std::collections::HashMap;
 
@@ -34,18 +34,24 @@ pub struct Row {
     pub factors: Vec<(String, f64)>,
 }
 
-/// The name of a quantity, its unit, and what people call it.
-pub fn name(quantity: Quantity) -> [&'static str; 3] {
+/// The name of a quantity, its unit, what people call it, and as a title.
+pub fn name(quantity: Quantity) -> [&'static str; 4] {
     match quantity {
-        Quantity::TrackPlan => ["track_plan", "m", "track in the plan"],
-        Quantity::TrackHeight => ["track_height", "m", "height of the track"],
-        Quantity::Speed => ["speed", "m/s", "speed"],
-        Quantity::Heading => ["heading", "deg", "heading"],
-        Quantity::Shape => ["shape", "m", "shape"],
-        Quantity::Scale => ["scale", "1", "scale"],
+        Quantity::TrackPlan => ["track_plan", "m", "track in the plan", "Track in the plan"],
+        Quantity::TrackHeight => ["track_height", "m", "height of the track", "Height of the track"],
+        Quantity::Speed => ["speed", "m/s", "speed", "Speed"],
+        Quantity::Heading => ["heading", "deg", "heading", "Heading"],
+        Quantity::Shape => ["shape", "m", "shape", "Shape"],
+        Quantity::Scale => ["scale", "1", "scale", "Scale"],
     }
 }
 
+/// Runs that gave no result.
+pub fn without_result(outcomes: &[Outcome]) -> usize {
+    outcomes.iter().flat_map(|outcome| &outcome.runs).filter(|run| run.is_err()).count()
+}
+
+/// Names of the shares within [`super::cell::WITHIN_M`].
 const TO_POINTS: [&str; 3] = ["within_1cm_of_point", "within_2cm_of_point", "within_5cm_of_point"];
 const TO_SCAN: [&str; 3] = ["within_1cm_of_scan", "within_2cm_of_scan", "within_5cm_of_scan"];
 
@@ -61,7 +67,7 @@ fn of_cell(cell: usize, outcome: &Outcome) -> Vec<Row> {
     let mut rows = Vec::new();
     for (vehicle, sigmas) in prediction.sigmas.iter().enumerate() {
         for (at, quantity) in Quantity::ALL.into_iter().enumerate() {
-            let [name, unit, _] = name(quantity);
+            let [name, unit, ..] = name(quantity);
             let squares: Vec<f64> = good.iter().map(|run| run.squares[vehicle][at]).collect();
             let moments = moments(&squares);
             let ratio =
@@ -140,13 +146,8 @@ const FACTORS: usize = 3;
 
 /// The header and the rows of `cells.csv`: a row for each cell, vehicle and quantity. Cells that cannot be computed
 /// have one row that says why.
-pub fn table(
-    study: &Study,
-    vehicles: &[Vec<String>],
-    outcomes: &[Outcome],
-) -> (Vec<String>, Vec<Vec<String>>) {
-    let mut header: Vec<String> = ["cell", "scenario"].map(str::to_owned).to_vec();
-    header.extend(study.axes.iter().map(|axis| axis.parameter.clone()));
+pub fn table(study: &Study, outcomes: &[Outcome]) -> (Vec<String>, Vec<Vec<String>>) {
+    let mut header = study.cell_columns();
     let own = [
         "vehicle",
         "quantity",
@@ -171,29 +172,24 @@ pub fn table(
     ];
     header.extend(own.map(str::to_owned));
     let cells = study.cells();
-    let place = |cell: usize| -> Vec<String> {
-        let Cell { scenario, values } = &cells[cell];
-        let mut place = vec![cell.to_string(), study.scenarios[*scenario].name.clone()];
-        place.extend(study.axes.iter().zip(values).map(|(axis, at)| told(&axis.values[*at])));
-        place
-    };
     let mut all = Vec::new();
-    for (cell, outcome) in outcomes.iter().enumerate() {
+    for (number_of_cell, (cell, outcome)) in cells.iter().zip(outcomes).enumerate() {
+        let place = study.cell_cells(number_of_cell, cell);
         let prediction = match &outcome.prediction {
             Ok(prediction) => prediction,
             Err(why) => {
-                let mut row = place(cell);
+                let mut row = place;
                 row.extend((1..own.len()).map(|_| String::new()));
                 row.push(why.clone());
                 all.push(row);
                 continue;
             }
         };
-        for row in of_cell(cell, outcome) {
-            let mut cells = place(cell);
+        for row in of_cell(number_of_cell, outcome) {
+            let mut cells = place.clone();
             let ratio = |at: usize| number(row.ratio.map(|ratio| ratio[at]));
             cells.extend([
-                vehicles[study.cells()[cell].scenario][row.vehicle].clone(),
+                study.scenarios[cell.scenario].vehicles[row.vehicle].clone(),
                 row.quantity.to_owned(),
                 row.unit.to_owned(),
                 number(row.predicted),
@@ -217,7 +213,6 @@ pub fn table(
         }
     }
     debug_assert!(all.iter().all(|row| row.len() == header.len()));
-    debug_assert_eq!(WITHIN_M, [0.01, 0.02, 0.05]);
     (header, all)
 }
 

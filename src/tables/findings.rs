@@ -55,6 +55,14 @@ pub struct Findings {
     warnings: Vec<String>,
 }
 
+impl From<Finding> for Findings {
+    fn from(finding: Finding) -> Self {
+        let mut findings = Findings::default();
+        findings.error(finding);
+        findings
+    }
+}
+
 impl Findings {
     /// Adds something that makes the input invalid.
     pub fn error(&mut self, finding: Finding) {

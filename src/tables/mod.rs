@@ -61,8 +61,8 @@ pub trait Row: DeserializeOwned {
 }
 
 /// A table of cells as CSV, its header first.
-pub fn written<R: IntoIterator<Item = String>>(
-    header: &[&str],
+pub fn written<R: IntoIterator<Item: AsRef<[u8]>>>(
+    header: &[impl AsRef<[u8]>],
     rows: impl IntoIterator<Item = R>,
 ) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());

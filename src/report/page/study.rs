@@ -6,8 +6,9 @@ use super::{Told, render};
 use crate::diagnose::Quantity;
 use crate::report::study::StudyReport;
 use crate::study::plan::Choice;
-use crate::study::summary::{Row, effects, name, rows};
-use crate::study::{Cell, told};
+use crate::study::summary::{Row, effects, name, rows, without_result};
+use crate::study::{Cell, Study, told};
+use std::collections::HashMap;
 
 /// So many grids of one quantity are shown; the others are in the table.
 const MOST_GRIDS: usize = 12;
@@ -27,37 +28,29 @@ const PLAN: Told = Told {
     footer: STUDY.footer,
 };
 
+/// By what a standard deviation is multiplied for people, and its unit then.
+fn in_units(quantity: Quantity) -> (f64, &'static str) {
+    match quantity {
+        Quantity::TrackPlan | Quantity::TrackHeight | Quantity::Shape => (100.0, "cm"),
+        Quantity::Speed => (1.0, "m/s"),
+        Quantity::Heading => (1.0, "deg"),
+        Quantity::Scale => (100.0, "%"),
+    }
+}
+
 /// A standard deviation with its unit.
 fn shown(quantity: Quantity, value: f64) -> String {
     if value.is_infinite() {
         return "not determined".to_owned();
     }
-    match quantity {
-        Quantity::TrackPlan | Quantity::TrackHeight | Quantity::Shape => {
-            let cm = 100.0 * value;
-            format!("{}\u{a0}cm", decimal(cm, if cm < 9.95 { 2 } else { 1 }))
-        }
-        Quantity::Speed => format!("{}\u{a0}m/s", decimal(value, 3)),
-        Quantity::Heading => format!("{}\u{a0}°", decimal(value, 3)),
-        Quantity::Scale => format!("{}\u{a0}%", decimal(100.0 * value, 3)),
-    }
-}
-
-/// The same value in the unit in which it is drawn.
-fn drawn(quantity: Quantity, value: f64) -> f64 {
-    match quantity {
-        Quantity::TrackPlan | Quantity::TrackHeight | Quantity::Shape | Quantity::Scale => 100.0 * value,
-        Quantity::Speed | Quantity::Heading => value,
-    }
-}
-
-fn unit(quantity: Quantity) -> &'static str {
-    match quantity {
-        Quantity::TrackPlan | Quantity::TrackHeight | Quantity::Shape => "cm",
-        Quantity::Speed => "m/s",
-        Quantity::Heading => "deg",
-        Quantity::Scale => "%",
-    }
+    let (factor, unit) = in_units(quantity);
+    let value = factor * value;
+    let digits = match unit {
+        "cm" if value < 9.95 => 2,
+        "cm" => 1,
+        _ => 3,
+    };
+    format!("{}\u{a0}{}", decimal(value, digits), if unit == "deg" { "\u{b0}" } else { unit })
 }
 
 /// The page.
@@ -90,6 +83,9 @@ struct View<'a> {
     page: &'a StudyReport<'a>,
     cells: Vec<Cell>,
     rows: Vec<Row>,
+    /// Where the row of a cell, a vehicle and a quantity is.
+    places: HashMap<(usize, usize, &'static str), usize>,
+    planes: Vec<Plane>,
 }
 
 /// A table of cells: down the first axis, across the second.
@@ -101,9 +97,46 @@ struct Plane {
     cells: Vec<Vec<usize>>,
 }
 
+/// All planes, one for each scenario and combination of values of the axes beyond the second.
+fn planes(study: &Study, cells: &[Cell]) -> Vec<Plane> {
+    let down = study.axes.first().map_or(1, |axis| axis.values.len());
+    let mut planes: Vec<Plane> = Vec::new();
+    let mut place_of: HashMap<(usize, &[usize]), usize> = HashMap::new();
+    for (number, cell) in cells.iter().enumerate() {
+        let beyond = cell.values.get(2..).unwrap_or_default();
+        let at = *place_of.entry((cell.scenario, beyond)).or_insert_with(|| {
+            let mut parts = Vec::new();
+            if study.scenarios.len() > 1 || study.axes.is_empty() {
+                parts.push(study.scenarios[cell.scenario].name.clone());
+            }
+            for (axis, at) in study.axes.iter().skip(2).zip(beyond) {
+                parts.push(format!("{} = {}", axis.label, told(&axis.values[*at])));
+            }
+            let told = parts.join(", ");
+            planes.push(Plane { told, scenario: cell.scenario, cells: vec![Vec::new(); down] });
+            planes.len() - 1
+        });
+        planes[at].cells[cell.values.first().copied().unwrap_or(0)].push(number);
+    }
+    planes
+}
+
 impl<'a> View<'a> {
     fn new(page: &'a StudyReport<'a>) -> Self {
-        View { page, cells: page.study.cells(), rows: rows(page.outcomes) }
+        let (cells, rows) = (page.study.cells(), rows(page.outcomes));
+        let places = rows.iter().map(|row| (row.cell, row.vehicle, row.quantity)).zip(0..).collect();
+        let planes = planes(page.study, &cells);
+        View { page, cells, rows, places, planes }
+    }
+
+    /// Ids of the vehicles of a scenario.
+    fn vehicles(&self, scenario: usize) -> &'a [String] {
+        &self.page.study.scenarios[scenario].vehicles
+    }
+
+    /// How many there are in the scenario with the most.
+    fn most_vehicles(&self) -> usize {
+        self.page.study.scenarios.iter().map(|scenario| scenario.vehicles.len()).max().unwrap_or(0)
     }
 
     fn sigma(&self, cell: usize, vehicle: usize, quantity: Quantity) -> Option<f64> {
@@ -111,37 +144,8 @@ impl<'a> View<'a> {
         Some(prediction.sigmas[vehicle][quantity as usize])
     }
 
-    fn row(&self, cell: usize, vehicle: usize, quantity: &str) -> Option<&Row> {
-        self.rows.iter().find(|row| (row.cell, row.vehicle, row.quantity) == (cell, vehicle, quantity))
-    }
-
-    /// All planes, one for each scenario and combination of values of the axes beyond the second.
-    fn planes(&self) -> Vec<Plane> {
-        let study = self.page.study;
-        let down = study.axes.first().map_or(1, |axis| axis.values.len());
-        let mut planes: Vec<((usize, Vec<usize>), Plane)> = Vec::new();
-        for (number, cell) in self.cells.iter().enumerate() {
-            let key = (cell.scenario, cell.values.iter().skip(2).copied().collect::<Vec<_>>());
-            let at = planes.iter().position(|(other, _)| *other == key).unwrap_or_else(|| {
-                let told = self.told(&key);
-                planes.push((key.clone(), Plane { told, scenario: key.0, cells: vec![Vec::new(); down] }));
-                planes.len() - 1
-            });
-            planes[at].1.cells[cell.values.first().copied().unwrap_or(0)].push(number);
-        }
-        planes.into_iter().map(|(_, plane)| plane).collect()
-    }
-
-    fn told(&self, (scenario, beyond): &(usize, Vec<usize>)) -> String {
-        let study = self.page.study;
-        let mut parts = Vec::new();
-        if study.scenarios.len() > 1 || study.axes.is_empty() {
-            parts.push(study.scenarios[*scenario].name.clone());
-        }
-        for (axis, at) in study.axes.iter().skip(2).zip(beyond) {
-            parts.push(format!("{} = {}", axis.label, told(&axis.values[*at])));
-        }
-        parts.join(", ")
+    fn row(&self, cell: usize, vehicle: usize, quantity: &'static str) -> Option<&Row> {
+        self.places.get(&(cell, vehicle, quantity)).map(|at| &self.rows[*at])
     }
 
     fn axis_label(&self, at: usize) -> String {
@@ -172,7 +176,7 @@ impl<'a> View<'a> {
     }
 
     fn caption(&self, plane: &Plane, vehicle: usize, what: &str) -> String {
-        let vehicles = &self.page.vehicles[plane.scenario];
+        let vehicles = self.vehicles(plane.scenario);
         let mut parts = vec![what.to_owned()];
         if vehicles.len() > 1 {
             parts.push(vehicles[vehicle].clone());
@@ -184,10 +188,10 @@ impl<'a> View<'a> {
     }
 
     /// Planes and vehicles that are shown.
-    fn shown(&self) -> (Vec<(Plane, usize)>, usize) {
-        let mut all: Vec<(Plane, usize)> = Vec::new();
-        for vehicle in 0..self.page.vehicles.iter().map(Vec::len).max().unwrap_or(0) {
-            let planes = self.planes().into_iter().filter(|p| vehicle < self.page.vehicles[p.scenario].len());
+    fn shown(&self) -> (Vec<(&Plane, usize)>, usize) {
+        let mut all: Vec<(&Plane, usize)> = Vec::new();
+        for vehicle in 0..self.most_vehicles() {
+            let planes = self.planes.iter().filter(|p| vehicle < self.vehicles(p.scenario).len());
             all.extend(planes.map(|plane| (plane, vehicle)));
         }
         let left = all.len().saturating_sub(MOST_GRIDS);
@@ -196,15 +200,7 @@ impl<'a> View<'a> {
     }
 
     fn quantity(&self, quantity: Quantity) -> Section {
-        let [id, _, words] = name(quantity);
-        let title = match quantity {
-            Quantity::TrackPlan => "Track in the plan",
-            Quantity::TrackHeight => "Height of the track",
-            Quantity::Speed => "Speed",
-            Quantity::Heading => "Heading",
-            Quantity::Shape => "Shape",
-            Quantity::Scale => "Scale",
-        };
+        let [id, _, words, title] = name(quantity);
         let mut section = Section::new(id, title);
         let (planes, left) = self.shown();
         let all = planes.iter().flat_map(|(plane, vehicle)| {
@@ -261,12 +257,13 @@ impl<'a> View<'a> {
             return Vec::new();
         }
         let [id, ..] = name(quantity);
+        let (factor, unit) = in_units(quantity);
         let columns = plane.cells.first().map_or(0, Vec::len);
         let mut order: Vec<usize> = (0..xs.len()).collect();
         order.sort_by(|a, b| xs[*a].total_cmp(&xs[*b]));
         let one = |column: usize| {
             let points = |of: &dyn Fn(usize) -> Option<f64>| -> Vec<[f64; 2]> {
-                let value = |at: usize| of(plane.cells[at][column]).map_or(f64::NAN, |v| drawn(quantity, v));
+                let value = |at: usize| of(plane.cells[at][column]).map_or(f64::NAN, |v| factor * v);
                 order.iter().map(|at| [xs[*at], value(*at)]).collect()
             };
             let line = points(&|cell| self.sigma(cell, vehicle, quantity));
@@ -282,12 +279,9 @@ impl<'a> View<'a> {
                 label =
                     if label.is_empty() { plane.told.clone() } else { format!("{label}, {}", plane.told) };
             }
-            let [_, _, words] = name(quantity);
-            let mut figure = Figure::new(
-                format!("{words} {label}"),
-                first.label.clone(),
-                format!("{words} [{}]", unit(quantity)),
-            );
+            let [_, _, words, _] = name(quantity);
+            let mut figure =
+                Figure::new(format!("{words} {label}"), first.label.clone(), format!("{words} [{}]", unit));
             let highest =
                 line.iter().chain(&dots).map(|p| p[1]).filter(|v| v.is_finite()).fold(0.0, f64::max);
             figure.y_range = Some([0.0, 1.06 * highest.max(1e-9)]);
@@ -318,19 +312,18 @@ impl<'a> View<'a> {
              outside {} to {} the cell has a frame: there the model does not hold.",
             self.page.study.runs, HONEST[0], HONEST[1]
         ));
-        let failed: usize =
-            self.page.outcomes.iter().flat_map(|o| &o.runs).filter(|run| run.is_err()).count();
+        let failed = without_result(self.page.outcomes);
         if failed > 0 {
             section.empty(format!("{failed} runs gave no result and are not among them."));
         }
         let study = self.page.study;
         let mut head = vec!["cell".to_owned()];
         head.extend(Quantity::ALL.map(|quantity| name(quantity)[2].to_owned()));
-        let vehicles = self.page.vehicles.iter().map(Vec::len).max().unwrap_or(0);
+        let vehicles = self.most_vehicles();
         for vehicle in 0..vehicles {
             let mut rows = Vec::new();
             for (number, cell) in self.cells.iter().enumerate() {
-                let Some(id) = self.page.vehicles[cell.scenario].get(vehicle) else { continue };
+                let Some(id) = self.vehicles(cell.scenario).get(vehicle) else { continue };
                 let cells = Quantity::ALL.map(|quantity| {
                     let ratio = self.row(number, vehicle, name(quantity)[0]).and_then(|row| row.ratio);
                     let Some([ratio, low, high]) = ratio else {
@@ -370,7 +363,7 @@ impl<'a> View<'a> {
                 let cell = &self.cells[row.cell];
                 table.row([
                     study.told(cell),
-                    self.page.vehicles[cell.scenario][row.vehicle].clone(),
+                    self.vehicles(cell.scenario)[row.vehicle].clone(),
                     row.quantity.trim_start_matches("within_").replace('_', " "),
                     percent(row.observed),
                     percent(row.spread),
@@ -420,7 +413,7 @@ impl<'a> View<'a> {
             let cell = &self.cells[row.cell];
             table.row([
                 self.page.study.told(cell),
-                self.page.vehicles[cell.scenario][row.vehicle].clone(),
+                self.vehicles(cell.scenario)[row.vehicle].clone(),
                 row.quantity.replace('_', " "),
                 factors_told(&row.factors),
             ]);
@@ -508,7 +501,7 @@ impl<'a> View<'a> {
             })
             .collect();
         section.strong(format!("Wanted: {}", told.join(", ")));
-        for plane in self.planes().iter().take(MOST_GRIDS) {
+        for plane in self.planes.iter().take(MOST_GRIDS) {
             let cell = |number: usize| {
                 let choice = &choices[number];
                 let (ratio, quantity) = choice.worst;
