@@ -14,6 +14,10 @@ use std::collections::HashMap;
 const MOST_GRIDS: usize = 12;
 /// So many curves are drawn.
 const MOST_PANELS: usize = 6;
+/// So many rows of main factors are shown.
+const MOST_FACTORS: usize = 120;
+/// From the palest to the darkest there is at least a factor of two, as a logarithm: what is nearly the same looks so.
+const LEAST_RANGE: f64 = std::f64::consts::LN_2;
 /// A ratio of observed to expected beyond these is said not to hold.
 const HONEST: [f64; 2] = [0.9, 1.1];
 
@@ -216,7 +220,7 @@ impl<'a> View<'a> {
                         self.page.outcomes[number].prediction.as_ref().err().cloned().unwrap_or_default();
                     return GridCell::shaded("\u{2013}".to_owned(), why, None);
                 };
-                let share = sigma.is_finite().then(|| (sigma.ln() - least) / (most - least).max(1e-9));
+                let share = sigma.is_finite().then(|| (sigma.ln() - least) / (most - least).max(LEAST_RANGE));
                 let more =
                     self.row(number, *vehicle, id).map_or_else(String::new, |row| factors_told(&row.factors));
                 GridCell::shaded(shown(quantity, sigma), more, share)
@@ -409,7 +413,8 @@ impl<'a> View<'a> {
              gain something stands first.",
         );
         let mut table = Table::new("", &["cell", "vehicle", "quantity", "main factors"]);
-        for row in self.rows.iter().filter(|row| !row.factors.is_empty()) {
+        let told: Vec<&Row> = self.rows.iter().filter(|row| !row.factors.is_empty()).collect();
+        for row in told.iter().take(MOST_FACTORS) {
             let cell = &self.cells[row.cell];
             table.row([
                 self.page.study.told(cell),
@@ -419,6 +424,9 @@ impl<'a> View<'a> {
             ]);
         }
         section.table(table);
+        if told.len() > MOST_FACTORS {
+            section.empty(format!("{} more rows are in cells.csv.", told.len() - MOST_FACTORS));
+        }
         section
     }
 
