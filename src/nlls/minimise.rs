@@ -60,8 +60,8 @@ const FIRST_DAMPING: f64 = 1e-9;
 /// below its share of the curvature; a small decrease says nothing before.
 const HARDLY_DAMPED: f64 = 1e-7;
 /// A step is judged by the true cost and followed by another one, which makes good what it lacks; that
-/// costs less than to solve exactly where the model is not.
-const STEP_ACCURACY: Accuracy = Accuracy::Share(1e-4);
+/// costs less than to solve exactly where the model is not. Of the decrease it lacks the square of this share.
+const STEP_ACCURACY: Accuracy = Accuracy::Share(1e-2);
 /// Damping beyond which no step is left.
 const MOST_DAMPING: f64 = 1e16;
 /// Damping below which it makes no difference.
@@ -271,6 +271,7 @@ impl Minimiser {
             self.factors.factorise(system, &mut self.normal, &undamped)?;
             self.factor_damping = 0.0;
         }
+        self.factors.complete(system, &self.normal)?;
         Ok((&self.normal, &mut self.factors))
     }
 
@@ -301,12 +302,11 @@ impl Minimiser {
             // Formed for this damping alone.
             self.linearised = None;
         }
-        self.factors.factorise(system, &mut self.normal, &extra).ok()?;
-        self.factor_damping = self.damping;
         let gradient =
             if system.has_frames() { self.normal.raw_gradient() } else { self.normal.gradient.as_slice() };
         let mut others: Vec<f64> = gradient.iter().map(|g| -g).collect();
-        self.factors.solve(system, &self.normal, STEP_ACCURACY, &mut others);
+        self.factors.step(system, &mut self.normal, &extra, STEP_ACCURACY, &mut others).ok()?;
+        self.factor_damping = self.damping;
         self.stages.factorise += begin.elapsed().as_secs_f64();
         let begin = Instant::now();
         let step = system.back_substitute(values, self.curvature(), &mut self.normal, others);

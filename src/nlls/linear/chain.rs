@@ -26,11 +26,14 @@
 //! vehicle under one camera this halves the work.
 
 use super::cholesky::{DenseCholesky, Singular};
+use super::coupling::Coupling;
+use super::pose_chain::{POSE, axpy, dot};
 use nalgebra::DMatrix;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Rows of the border that one task works on.
-const BORDER_ROWS: usize = 256;
+/// Rows of the border that one task works on, whole points.
+const BORDER_ROWS: usize = 240;
 /// Columns that are collected before the border is updated.
 const PANEL_COLUMNS: usize = 384;
 
@@ -112,27 +115,49 @@ impl Chain {
 
     /// Solves `H x = b` in place for the columns of `b`, after the factorisation.
     pub fn solve(&self, b: &mut DMatrix<f64>) {
-        let range = |t: usize| (self.starts[t], self.starts[t + 1] - self.starts[t]);
-        let steps = self.dims.len();
-        for t in 0..steps {
-            let (start, size) = range(t);
-            let mut own = b.rows_mut(start, size).into_owned();
-            self.blocks[t][0].solve_lower_triangular_mut(&mut own);
-            b.rows_mut(start, size).copy_from(&own);
-            for (k, block) in self.blocks[t].iter().enumerate().skip(1) {
-                let (start, size) = range(t + k);
-                b.rows_mut(start, size).gemm(-1.0, block, &own, 1.0);
+        struct Work<'a>(&'a Chain, &'a mut [f64]);
+        impl WithSimd for Work<'_> {
+            type Output = ();
+            #[inline(always)]
+            fn with_simd<S: Simd>(self, _: S) {
+                self.0.solve_column(self.1);
             }
         }
-        for t in (0..steps).rev() {
-            let (start, size) = range(t);
-            let mut own = b.rows_mut(start, size).into_owned();
-            for (k, block) in self.blocks[t].iter().enumerate().skip(1) {
-                let (start, size) = range(t + k);
-                own.gemm_tr(-1.0, block, &b.rows(start, size), 1.0);
+        let n = self.size();
+        b.as_mut_slice().par_chunks_exact_mut(n.max(1)).for_each(|x| Arch::new().dispatch(Work(self, x)));
+    }
+
+    #[inline(always)]
+    fn solve_column(&self, x: &mut [f64]) {
+        for (t, column) in self.blocks.iter().enumerate() {
+            let (own, later) = x[self.starts[t]..].split_at_mut(self.starts[t + 1] - self.starts[t]);
+            let (factor, below) = column.split_first().expect("a diagonal block");
+            forward(factor, own);
+            let mut at = 0;
+            for block in below {
+                let rows = block.nrows();
+                if rows > 0 {
+                    for (column, own) in block.as_slice().chunks_exact(rows).zip(&*own) {
+                        axpy(-own, column, &mut later[at..][..rows]);
+                    }
+                }
+                at += rows;
             }
-            self.blocks[t][0].tr_solve_lower_triangular_mut(&mut own);
-            b.rows_mut(start, size).copy_from(&own);
+        }
+        for (t, column) in self.blocks.iter().enumerate().rev() {
+            let (own, later) = x[self.starts[t]..].split_at_mut(self.starts[t + 1] - self.starts[t]);
+            let (factor, below) = column.split_first().expect("a diagonal block");
+            let mut at = 0;
+            for block in below {
+                let rows = block.nrows();
+                if rows > 0 {
+                    for (column, own) in block.as_slice().chunks_exact(rows).zip(&mut *own) {
+                        *own -= dot(column, &later[at..][..rows]);
+                    }
+                }
+                at += rows;
+            }
+            backward(factor, own);
         }
     }
 
@@ -271,10 +296,10 @@ impl Chain {
         filter
     }
 
-    /// Subtracts `W^T [H^-1]_yy W` from the lower triangle of the leading `m x m` part of `border`.
-    ///
-    /// `coupling` holds `W^T`: `m` rows, the columns those of all `y` in time order.
-    pub fn reduce(&self, coupling: &[f64], m: usize, border: &mut DenseCholesky) {
+    /// Subtracts `W^T [H^-1]_yy W` from the lower triangle of the leading part of `border`. The poses of the
+    /// coupling are those of all `y` in time order.
+    pub fn reduce(&self, coupling: &Coupling, border: &mut DenseCholesky) {
+        let m = coupling.pattern().rows();
         if m == 0 {
             return;
         }
@@ -298,7 +323,7 @@ impl Chain {
             pieces.par_iter_mut().zip(&mut panels).for_each(|(piece, panel)| {
                 panel.clear();
                 for t in first..last {
-                    piece.step(self, t, &filter[t], coupling, m, y_starts[t], panel);
+                    piece.step(self, t, &filter[t], coupling, y_starts[t] / POSE, panel);
                 }
             });
             if columns > 0 {
@@ -306,6 +331,28 @@ impl Chain {
             }
             first = last;
         }
+    }
+}
+
+/// `L x = b`, in place.
+#[inline(always)]
+fn forward(factor: &DMatrix<f64>, x: &mut [f64]) {
+    let n = x.len();
+    for j in 0..n {
+        let column = &factor.as_slice()[j * n..][..n];
+        let (done, rest) = x.split_at_mut(j + 1);
+        done[j] /= column[j];
+        axpy(-done[j], &column[j + 1..], rest);
+    }
+}
+
+/// `L^T x = b`, in place.
+#[inline(always)]
+fn backward(factor: &DMatrix<f64>, x: &mut [f64]) {
+    let n = x.len();
+    for j in (0..n).rev() {
+        let column = &factor.as_slice()[j * n..][..n];
+        x[j] = (x[j] - dot(&column[j + 1..], &x[j + 1..])) / column[j];
     }
 }
 
@@ -355,15 +402,13 @@ impl Adjoint {
     }
 
     /// Goes over one step and appends its columns to the panel.
-    #[expect(clippy::too_many_arguments, reason = "one step of a filter, and where its columns are")]
     fn step(
         &mut self,
         chain: &Chain,
         t: usize,
         filter: &Innovation,
-        coupling: &[f64],
-        m: usize,
-        y_start: usize,
+        coupling: &Coupling,
+        first_pose: usize,
         panel: &mut Vec<f64>,
     ) {
         let ny = chain.dims[t].1;
@@ -371,9 +416,9 @@ impl Adjoint {
         let [alpha, beta] = self.ahead.pop_front().expect("band + 1 steps");
         self.ahead.push_back([None, None]);
         let mut beta = beta.unwrap_or_else(|| DMatrix::zeros(self.rows, ny));
-        for column in 0..ny {
-            let seen = &coupling[(y_start + column) * m + self.first..][..self.rows];
-            beta.column_mut(column).iter_mut().zip(seen).for_each(|(b, w)| *b += w);
+        let rows = self.first..self.first + self.rows;
+        for (pose, columns) in (first_pose..).zip(beta.as_mut_slice().chunks_exact_mut(POSE * self.rows)) {
+            coupling.add_columns(pose, rows.clone(), columns);
         }
         // Now ahead[k - 1] is step t + k.
         if let Some(alpha) = &alpha {
@@ -420,6 +465,7 @@ impl Adjoint {
 
 #[cfg(test)]
 mod tests {
+    use super::super::coupling::{self, POINT};
     use super::*;
 
     /// A chain with these steps, and its dense copy.
@@ -496,22 +542,18 @@ mod tests {
             }
 
             // The border sees the y alone. More rows than one task takes.
-            let m = BORDER_ROWS + 5;
             let ys: usize = dims.iter().map(|d| d.1).sum();
-            let coupling: Vec<f64> = (0..m * ys).map(|i| (0.37 * i as f64).cos()).collect();
+            let (coupling, dense) = coupling::tests::example(ys / POSE, BORDER_ROWS / POINT + 2);
+            let m = dense.nrows();
             let mut w = DMatrix::zeros(n, m);
             let mut y = 0;
             for (t, &(nc, ny)) in dims.iter().enumerate() {
-                for i in 0..ny {
-                    for row in 0..m {
-                        w[(chain.starts[t] + nc + i, row)] = coupling[y * m + row];
-                    }
-                    y += 1;
-                }
+                w.rows_mut(chain.starts[t] + nc, ny).copy_from(&dense.columns(y, ny).transpose());
+                y += ny;
             }
             let wanted = w.transpose() * &inverse * &w;
             let mut border = DenseCholesky::new(m + 2, 1e9).unwrap();
-            chain.reduce(&coupling, m, &mut border);
+            chain.reduce(&coupling, &mut border);
             let border = border.matrix_mut();
             for column in 0..m {
                 for row in column..m {

@@ -23,7 +23,9 @@
 
 pub mod chain;
 pub mod cholesky;
+pub mod coupling;
 pub mod dense;
+pub mod gradients;
 pub mod matrix;
 pub mod ordering;
 pub mod pose_chain;

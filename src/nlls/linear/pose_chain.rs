@@ -13,6 +13,7 @@
 //! filter of [`super::chain`] is needed.
 
 use super::cholesky::{Singular, subtract_square};
+use super::coupling::Coupling;
 use nalgebra::{DMatrix, Matrix6};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -138,9 +139,8 @@ impl PoseChain {
         product
     }
 
-    /// Subtracts `W^T H^-1 W` from the lower triangle of `border`, after the factorisation. `coupling`
-    /// holds `W^T`, one column after the other.
-    pub fn reduce(&self, coupling: &[f64], border: &mut DMatrix<f64>) {
+    /// Subtracts `W^T H^-1 W` from the lower triangle of `border`, after the factorisation.
+    pub fn reduce(&self, coupling: &Coupling, border: &mut DMatrix<f64>) {
         let m = border.nrows();
         if m == 0 {
             return;
@@ -162,7 +162,7 @@ impl PoseChain {
 /// `Z^T` of some steps.
 struct Panel<'a> {
     chain: &'a PoseChain,
-    coupling: &'a [f64],
+    coupling: &'a Coupling,
     m: usize,
     first: usize,
     count: usize,
@@ -180,7 +180,8 @@ impl WithSimd for Panel<'_> {
             let t = first + step;
             let (earlier, own) = panel.split_at_mut((chain.band + step) * width);
             let own = &mut own[..width];
-            own.copy_from_slice(&coupling[t * width..][..width]);
+            own.fill(0.0);
+            coupling.add_columns(t, 0..m, own);
             for j in 1..=chain.band.min(t) {
                 let before = &earlier[(chain.band + step - j) * width..][..width];
                 let block = chain.block(t - j, j);
@@ -204,49 +205,10 @@ impl WithSimd for Panel<'_> {
     }
 }
 
+/// `y += a x`
 #[inline(always)]
-fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
+pub fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
     y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
-}
-
-/// `out += W^T x` for every column of `x`, where `coupling` holds `W^T` with `out.nrows()` rows.
-pub fn add_coupling_times(coupling: &[f64], x: &DMatrix<f64>, out: &mut DMatrix<f64>) {
-    struct Work<'a>(&'a [f64], &'a DMatrix<f64>, &'a mut DMatrix<f64>);
-    impl WithSimd for Work<'_> {
-        type Output = ();
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) {
-            let Work(coupling, x, out) = self;
-            let m = out.nrows();
-            for (row, w) in coupling.chunks_exact(m.max(1)).enumerate() {
-                for side in 0..x.ncols() {
-                    axpy(x[(row, side)], w, &mut out.as_mut_slice()[side * m..][..m]);
-                }
-            }
-        }
-    }
-    Arch::new().dispatch(Work(coupling, x, out));
-}
-
-/// `W s` for every column of `s`, where `coupling` holds `W^T` with `s.nrows()` rows.
-pub fn coupling_transposed_times(coupling: &[f64], rows: usize, s: &DMatrix<f64>) -> DMatrix<f64> {
-    struct Work<'a>(&'a [f64], &'a DMatrix<f64>, &'a mut DMatrix<f64>);
-    impl WithSimd for Work<'_> {
-        type Output = ();
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) {
-            let Work(coupling, s, out) = self;
-            let m = s.nrows();
-            for (row, w) in coupling.chunks_exact(m.max(1)).enumerate() {
-                for side in 0..s.ncols() {
-                    out[(row, side)] = dot(w, &s.as_slice()[side * m..][..m]);
-                }
-            }
-        }
-    }
-    let mut out = DMatrix::zeros(rows, s.ncols());
-    Arch::new().dispatch(Work(coupling, s, &mut out));
-    out
 }
 
 /// In eight sums, so that the order is that of no particular vector width.
@@ -306,6 +268,7 @@ fn add_transposed(sign: f64, block: &Matrix6<f64>, x: &[f64; POSE], out: &mut [f
 
 #[cfg(test)]
 mod tests {
+    use super::super::coupling;
     use super::*;
 
     /// A positive definite chain and its dense copy.
@@ -351,9 +314,8 @@ mod tests {
             let wanted = &inverse * &b;
             assert!((&x - &wanted).norm() < 1e-12 * wanted.norm(), "{steps} {band}");
 
-            let m = 11;
-            let coupling: Vec<f64> = (0..m * n).map(|i| (0.37 * i as f64).cos()).collect();
-            let w = DMatrix::from_column_slice(m, n, &coupling).transpose();
+            let (coupling, dense) = coupling::tests::example(steps, 4);
+            let (w, m) = (dense.transpose(), dense.nrows());
             let wanted = w.transpose() * &inverse * &w;
             let mut border = DMatrix::zeros(m, m);
             chain.reduce(&coupling, &mut border);
@@ -363,11 +325,6 @@ mod tests {
                     assert!(gap < 1e-11 * wanted.norm(), "{steps} {band}: {row} {column} {gap:e}");
                 }
             }
-            let mut product = DMatrix::zeros(m, 3);
-            add_coupling_times(&coupling, &b, &mut product);
-            assert!((&product - w.transpose() * &b).norm() < 1e-12 * product.norm());
-            let back = coupling_transposed_times(&coupling, n, &product);
-            assert!((&back - &w * &product).norm() < 1e-12 * back.norm());
         }
     }
 

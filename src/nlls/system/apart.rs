@@ -28,12 +28,14 @@
 //! along time; the rest is its border.
 
 use super::Normal;
-use super::frames::{Frames, FramesLinear, POINT, Place, Step};
+use super::frames::{Frames, FramesLinear, Place, Step};
 use super::group::AnyGroup;
 use crate::nlls::linear::chain::Chain;
 use crate::nlls::linear::cholesky::{DenseCholesky, Singular, TooLarge, kernel_threads};
+use crate::nlls::linear::coupling::{Coupling, POINT};
+use crate::nlls::linear::gradients::{Preconditioned, conjugate_gradients};
 use crate::nlls::linear::matrix::Pattern;
-use crate::nlls::linear::pose_chain::{POSE, PoseChain, add_coupling_times, coupling_transposed_times};
+use crate::nlls::linear::pose_chain::{POSE, PoseChain};
 use nalgebra::{DMatrix, DMatrixView, Matrix6};
 use rayon::ThreadPool;
 use rayon::prelude::*;
@@ -432,7 +434,7 @@ impl ApartFactor {
             })
             .collect();
         parts.iter().for_each(|part| o += part);
-        let o = self.conjugate_gradients(linear, o, tolerance);
+        let o = conjugate_gradients(&mut Outer { factor: self, linear }, o, tolerance, MOST_GRADIENTS).x;
         // Bodies, given how the others move.
         let moves: Vec<(DMatrix<f64>, DMatrix<f64>)> = self
             .bodies
@@ -509,52 +511,21 @@ impl ApartFactor {
         out.rows_mut(outer, rest).copy_from(&of_rest);
         out
     }
+}
 
-    /// Solves for the observers and the rest. The columns of `b` are solved side by side, each as if it
-    /// were alone.
-    fn conjugate_gradients(
-        &mut self,
-        linear: &FramesLinear,
-        b: DMatrix<f64>,
-        tolerance: f64,
-    ) -> DMatrix<f64> {
-        let sides = b.ncols();
-        let dots = |a: &DMatrix<f64>, b: &DMatrix<f64>| -> Vec<f64> {
-            (0..sides).map(|side| a.column(side).dot(&b.column(side))).collect()
-        };
-        let mut x = DMatrix::zeros(b.nrows(), sides);
-        let mut residual = b;
-        let mut z = self.precondition(&residual);
-        let mut direction = z.clone();
-        let mut squares = dots(&residual, &z);
-        let limits: Vec<f64> = squares.iter().map(|s| s * tolerance * tolerance).collect();
-        let mut is_done: Vec<bool> = squares.iter().map(|s| s.is_nan() || *s <= 0.0).collect();
-        for _ in 0..MOST_GRADIENTS {
-            if is_done.iter().all(|done| *done) {
-                break;
-            }
-            let product = self.multiply(linear, &direction);
-            let curvatures = dots(&direction, &product);
-            for side in 0..sides {
-                // Rounding alone makes a curvature vanish: there is nothing left to gain.
-                is_done[side] |= curvatures[side].is_nan() || curvatures[side] <= 0.0;
-                if !is_done[side] {
-                    let length = squares[side] / curvatures[side];
-                    x.column_mut(side).axpy(length, &direction.column(side), 1.0);
-                    residual.column_mut(side).axpy(-length, &product.column(side), 1.0);
-                }
-            }
-            z = self.precondition(&residual);
-            let now = dots(&residual, &z);
-            for side in 0..sides {
-                if !is_done[side] {
-                    direction.column_mut(side).axpy(1.0, &z.column(side), now[side] / squares[side]);
-                    squares[side] = now[side];
-                    is_done[side] = now[side].is_nan() || now[side] <= limits[side];
-                }
-            }
-        }
-        x
+/// The observers and the rest, when all bodies are eliminated.
+struct Outer<'a> {
+    factor: &'a mut ApartFactor,
+    linear: &'a FramesLinear,
+}
+
+impl Preconditioned for Outer<'_> {
+    fn multiply(&mut self, x: &DMatrix<f64>) -> DMatrix<f64> {
+        self.factor.multiply(self.linear, x)
+    }
+
+    fn precondition(&mut self, b: &DMatrix<f64>) -> DMatrix<f64> {
+        self.factor.precondition(b)
     }
 }
 
@@ -568,7 +539,7 @@ fn set(chain: &mut PoseChain, (s, i): (u32, u8), (t, j): (u32, u8), value: f64) 
 }
 
 impl Interior {
-    fn factorise(&mut self, linear: &FramesLinear, coupling: &[f64]) -> Result<(), Singular> {
+    fn factorise(&mut self, linear: &FramesLinear, coupling: &Coupling) -> Result<(), Singular> {
         self.factor.copy_from(&self.prior);
         for (moment, &(place, observer)) in self.moments.iter().enumerate() {
             let (h, _, turn) = &linear.bodies[place];
@@ -594,17 +565,17 @@ impl Interior {
     /// Solves for poses and shape, given that nothing else moves.
     fn solve(
         &mut self,
-        coupling: &[f64],
+        coupling: &Coupling,
         mut y: DMatrix<f64>,
         mut shape: DMatrix<f64>,
     ) -> (DMatrix<f64>, DMatrix<f64>) {
         let of_y = y.clone();
         self.factor.solve(&mut y);
         let mut seen = DMatrix::zeros(shape.nrows(), shape.ncols());
-        add_coupling_times(coupling, &y, &mut seen);
+        coupling.add_transposed_times(&y, &mut seen);
         shape -= seen;
         self.border.solve_here(&mut shape);
-        let mut rest = of_y - coupling_transposed_times(coupling, y.nrows(), &shape);
+        let mut rest = of_y - coupling.times(&shape);
         self.factor.solve(&mut rest);
         (rest, shape)
     }

@@ -59,6 +59,35 @@ impl Factors {
         Ok(())
     }
 
+    /// Factorises as far as a step needs it, and solves for one, in place, to this accuracy or better.
+    pub fn step(
+        &mut self,
+        system: &System,
+        normal: &mut Normal,
+        extra: &[f64],
+        accuracy: Accuracy,
+        b: &mut [f64],
+    ) -> Result<(), Singular> {
+        match (&mut self.kind, accuracy, &system.frames) {
+            (Kind::Frames(factor), Accuracy::Share(share), Some(frames)) if system.common.size() == 0 => {
+                factor.step(frames, normal, extra, share, b)
+            }
+            _ => {
+                self.factorise(system, normal, extra)?;
+                self.solve(system, normal, accuracy, b);
+                Ok(())
+            }
+        }
+    }
+
+    /// Makes what the last step did without.
+    pub fn complete(&mut self, system: &System, normal: &Normal) -> Result<(), Singular> {
+        match (&mut self.kind, &system.frames) {
+            (Kind::Frames(factor), Some(frames)) => factor.complete(frames, normal),
+            _ => Ok(()),
+        }
+    }
+
     /// Solves for right-hand sides in elimination order, in place.
     pub fn solve(&mut self, system: &System, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
         let (n, k) = (system.pattern.size(), system.common.size());

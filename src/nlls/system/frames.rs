@@ -26,22 +26,20 @@
 
 use super::apart::{self, ApartFactor};
 use super::group::AnyGroup;
-use super::leaves::Local;
 use super::selected::{Leverage, SelectedFrames};
 use super::together::TogetherFactor;
 use super::{Block, BlockId, Curvature, Normal, System, Values};
 use crate::nlls::linear::cholesky::{Singular, TooLarge};
+use crate::nlls::linear::coupling::{Coupling, CouplingBlock, CouplingPattern, POINT};
 use crate::nlls::linear::matrix::Pattern;
-use crate::nlls::linear::pose_chain::{POSE, add_coupling_times, coupling_transposed_times};
+use crate::nlls::linear::pose_chain::POSE;
 use crate::nlls::manifold::{Manifold, body_from_observer_motion, read_pose};
 use nalgebra::{DMatrix, Matrix6, Vector6};
-use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::fmt;
 use std::str::FromStr;
+use std::sync::Arc;
 
-/// A point of a shape.
-pub(super) const POINT: usize = 3;
 /// Steps that one task linearises.
 const CHUNKS: usize = 8;
 /// The most steps that one measurement may span.
@@ -127,11 +125,11 @@ pub(super) struct Frames {
     pub flops: f64,
 }
 
-/// `W^T` of some bodies: their rows of the border, and columns for their `y` in time order.
+/// Some bodies: their rows of the border, and which of their points their poses see, in time order.
 #[derive(Clone, Debug)]
 pub(super) struct Home {
     pub rows: std::ops::Range<usize>,
-    pub columns: usize,
+    pub coupling: Arc<CouplingPattern>,
 }
 
 pub(super) struct Step {
@@ -154,11 +152,10 @@ pub(super) struct BodyAtStep {
 pub(super) struct FramesLinear {
     /// For each body of each step, in order: `Hyy`, its gradient, and the motion `A`.
     pub bodies: Vec<(Matrix6<f64>, Vector6<f64>, Matrix6<f64>)>,
-    /// `W^T` of each home.
-    pub coupling: Vec<Vec<f64>>,
+    /// `W` of each home.
+    pub coupling: Vec<Coupling>,
     /// For each chunk the shape's diagonal blocks (9 numbers each) and gradient.
     pub sums: Vec<(Vec<f64>, Vec<f64>)>,
-    locals: Vec<Local>,
 }
 
 impl Frames {
@@ -271,8 +268,6 @@ impl Frames {
         let count = found.len();
         let size = count.div_ceil(CHUNKS).max(1);
         let chunks = (0..count).step_by(size).map(|first| first..(first + size).min(count)).collect();
-        let columns = y_starts[y_starts.len() - 1];
-        let homes = vec![Home { rows: 0..shape, columns }];
         let mut frames = Frames {
             steps: found,
             dims,
@@ -283,7 +278,7 @@ impl Frames {
             y_starts,
             shape,
             border,
-            homes,
+            homes: Vec::new(),
             apart: None,
             chunks,
             flops: together,
@@ -294,25 +289,44 @@ impl Frames {
         };
         match bodies {
             Some((bodies, flops)) if wanted == Arrangement::Apart || flops < together => {
-                frames.set_apart(bodies, flops);
-                Some(frames)
+                for (home, body) in bodies.iter().enumerate() {
+                    for &(step, order) in &body.places {
+                        frames.steps[step].bodies[order].home = home;
+                    }
+                }
+                let rows = bodies.iter().map(|body| body.shape.clone()).collect();
+                frames.apart = Some(bodies);
+                frames.flops = flops;
+                frames.set_homes(rows, groups, position);
             }
-            _ => (together <= MOST_FLOPS).then_some(frames),
+            _ if together > MOST_FLOPS => return None,
+            _ => frames.set_homes(std::iter::once(0..shape).collect(), groups, position),
         }
+        Some(frames)
     }
 
-    fn set_apart(&mut self, bodies: Vec<apart::Body>, flops: f64) {
-        self.homes = bodies
-            .iter()
-            .map(|body| Home { rows: body.shape.clone(), columns: POSE * body.places.len() })
-            .collect();
-        for (home, body) in bodies.iter().enumerate() {
-            for &(step, order) in &body.places {
-                self.steps[step].bodies[order].home = home;
-            }
+    fn set_homes(
+        &mut self,
+        rows: Vec<std::ops::Range<usize>>,
+        groups: &[Box<dyn AnyGroup>],
+        position: &[Option<usize>],
+    ) {
+        let mut seen: Vec<Vec<Vec<u32>>> = vec![Vec::new(); rows.len()];
+        for body in self.steps.iter().flat_map(|step| &step.bodies) {
+            let of_item = |&(group, item): &(u32, u32)| {
+                let point = groups[group as usize].blocks(item as usize)[2];
+                match self.places[position[point.0]?] {
+                    Place::Border(at) => Some((at - rows[body.home].start) as u32),
+                    Place::Chain(..) => None,
+                }
+            };
+            seen[body.home].push(body.items.iter().filter_map(of_item).collect());
         }
-        self.apart = Some(bodies);
-        self.flops = flops;
+        let home = |(rows, seen): (std::ops::Range<usize>, Vec<Vec<u32>>)| Home {
+            coupling: Arc::new(CouplingPattern::new(rows.len(), seen)),
+            rows,
+        };
+        self.homes = rows.into_iter().zip(seen).map(home).collect();
     }
 
     /// Room for a linearisation.
@@ -321,9 +335,8 @@ impl Frames {
         let sums = (vec![0.0; self.shape * POINT], vec![0.0; self.shape]);
         FramesLinear {
             bodies: vec![(Matrix6::zeros(), Vector6::zeros(), Matrix6::zeros()); bodies],
-            coupling: self.homes.iter().map(|home| vec![0.0; home.rows.len() * home.columns]).collect(),
+            coupling: self.homes.iter().map(|home| Coupling::zeros(home.coupling.clone())).collect(),
             sums: vec![sums; self.chunks.len()],
-            locals: vec![Local::default(); self.chunks.len()],
         }
     }
 
@@ -337,21 +350,25 @@ impl Frames {
         gradient: &mut [f64],
         diagonal: &mut [f64],
     ) {
-        let FramesLinear { bodies, coupling, sums, locals } = linear;
+        let FramesLinear { bodies, coupling, sums } = linear;
         let mut tasks = Vec::with_capacity(self.chunks.len());
         let mut bodies_left = bodies.as_mut_slice();
-        let mut coupling_left: Vec<&mut [f64]> = coupling.iter_mut().map(Vec::as_mut_slice).collect();
-        for ((chunk, sums), local) in self.chunks.iter().zip(sums).zip(locals) {
-            let count: usize = self.steps[chunk.clone()].iter().map(|s| s.bodies.len()).sum();
-            let (own_bodies, rest) = bodies_left.split_at_mut(count);
-            bodies_left = rest;
-            let mut columns = vec![0; self.homes.len()];
-            self.steps[chunk.clone()].iter().flat_map(|s| &s.bodies).for_each(|b| columns[b.home] += POSE);
-            let own_coupling = coupling_left
-                .iter_mut()
-                .zip(self.homes.iter().zip(columns))
-                .map(|(left, (home, columns))| {
-                    left.split_off_mut(..home.rows.len() * columns).expect("columns for each y")
+        let mut coupling_left: Vec<&mut [CouplingBlock]> =
+            coupling.iter_mut().map(Coupling::blocks_mut).collect();
+        let mut next_pose = vec![0; self.homes.len()];
+        for (chunk, sums) in self.chunks.iter().zip(sums) {
+            let of_chunk = || self.steps[chunk.clone()].iter().flat_map(|s| &s.bodies);
+            let own_bodies = bodies_left.split_off_mut(..of_chunk().count()).expect("one for each body");
+            let first_pose = next_pose.clone();
+            of_chunk().for_each(|body| next_pose[body.home] += 1);
+            let own_coupling = self
+                .homes
+                .iter()
+                .zip(&mut coupling_left)
+                .zip(first_pose.iter().zip(&next_pose))
+                .map(|((home, left), (first, next))| {
+                    let count = (*first..*next).map(|pose| home.coupling.points(pose).len()).sum();
+                    left.split_off_mut(..count).expect("blocks for each pose")
                 })
                 .collect();
             tasks.push(Task {
@@ -362,11 +379,11 @@ impl Frames {
                 chunk: chunk.clone(),
                 bodies: own_bodies,
                 coupling: own_coupling,
+                next_pose: first_pose,
                 sums,
-                local,
             });
         }
-        tasks.into_par_iter().for_each(|task| Arch::new().dispatch(task));
+        tasks.into_par_iter().for_each(Task::run);
         let mut body = linear.bodies.iter();
         for step in &self.steps {
             for BodyAtStep { block, .. } in &step.bodies {
@@ -407,86 +424,41 @@ struct Task<'a> {
     curvature: Curvature,
     chunk: std::ops::Range<usize>,
     bodies: &'a mut [(Matrix6<f64>, Vector6<f64>, Matrix6<f64>)],
-    /// What is left of each home.
-    coupling: Vec<&'a mut [f64]>,
+    /// What is left of each home, and the pose that comes next.
+    coupling: Vec<&'a mut [CouplingBlock]>,
+    next_pose: Vec<usize>,
     sums: &'a mut (Vec<f64>, Vec<f64>),
-    local: &'a mut Local,
 }
 
-impl WithSimd for Task<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Task { frames, system, values, curvature, chunk, bodies, mut coupling, sums, local } = self;
-        coupling.iter_mut().for_each(|coupling| coupling.fill(0.0));
-        sums.0.fill(0.0);
-        sums.1.fill(0.0);
+impl Task<'_> {
+    fn run(self) {
+        let Task { frames, system, values, curvature, chunk, bodies, mut coupling, mut next_pose, sums } =
+            self;
+        let (own, gradient) = sums;
+        own.fill(0.0);
+        gradient.fill(0.0);
         let mut bodies = bodies.iter_mut();
         for step in &frames.steps[chunk] {
             for BodyAtStep { block: body, items, home } in &step.bodies {
-                let rows = &frames.homes[*home].rows;
-                let (m, first) = (rows.len(), rows.start);
-                let w = coupling[*home].split_off_mut(..m * POSE).expect("six columns a body");
-                let mut h = [[0.0; POSE]; POSE];
-                let mut g = [0.0; POSE];
-                local.clear();
-                let mut left = items.as_slice();
-                while let Some(&(group, _)) = left.first() {
-                    let end = left.iter().position(|item| item.0 != group).unwrap_or(left.len());
-                    let least = curvature.least_flatness;
-                    system.groups[group as usize].linearise_leaf(
-                        &left[..end],
-                        *body,
-                        system,
-                        values,
-                        least,
-                        local,
-                    );
-                    left = &left[end..];
+                let Home { rows, coupling: pattern } = &frames.homes[*home];
+                let points = pattern.points(next_pose[*home]);
+                next_pose[*home] += 1;
+                let mut moment = Moment {
+                    by_pose: [[0.0; POSE]; POSE],
+                    of_pose: [0.0; POSE],
+                    points,
+                    coupling: coupling[*home].split_off_mut(..points.len()).expect("a block for each point"),
+                    by_point: &mut own[POINT * rows.start..POINT * rows.end],
+                    of_point: &mut gradient[rows.clone()],
+                };
+                for items in items.chunk_by(|a, b| a.0 == b.0) {
+                    let group = &system.groups[items[0].0 as usize];
+                    group.add_to_moment(items, system, values, curvature.least_flatness, &mut moment);
                 }
-                for entry in &local.entries {
-                    let point =
-                        local.parts[entry.parts.0..entry.parts.1].iter().find_map(|part| {
-                            match frames.places[part.position] {
-                                Place::Border(at) => Some((at, part.column)),
-                                Place::Chain(..) => None,
-                            }
-                        });
-                    for row in 0..entry.rows {
-                        let v: &[f64; POSE] =
-                            local.leaf.as_chunks::<POSE>().0[entry.row + row..].first().expect("a row");
-                        let r = local.residuals[entry.row + row];
-                        for i in 0..POSE {
-                            g[i] += v[i] * r;
-                            for j in 0..POSE {
-                                h[i][j] += v[i] * v[j];
-                            }
-                        }
-                        let Some((at, column)) = point else { continue };
-                        let p: [f64; POINT] = std::array::from_fn(|i| {
-                            local.other[entry.other + row * entry.width + column + i]
-                        });
-                        for k in 0..POSE {
-                            let out = &mut w[k * m + at - first..][..POINT];
-                            for i in 0..POINT {
-                                out[i] += v[k] * p[i];
-                            }
-                        }
-                        let own = &mut sums.0[POINT * at..][..POINT * POINT];
-                        for i in 0..POINT {
-                            for j in 0..POINT {
-                                own[i * POINT + j] += p[i] * p[j];
-                            }
-                        }
-                        for i in 0..POINT {
-                            sums.1[at + i] += p[i] * r;
-                        }
-                    }
-                }
+                let h = moment.by_pose;
                 let out = bodies.next().expect("one for each body");
-                out.0 = Matrix6::from_fn(|i, j| h[i][j]);
-                out.1 = Vector6::from(g);
+                out.0 = Matrix6::from_fn(|i, j| h[i.max(j)][i.min(j)]);
+                out.1 = Vector6::from(moment.of_pose);
                 let pose = |block: usize| read_pose(system.value(values, BlockId(block)));
                 out.2 = step.observer.map_or(Matrix6::zeros(), |(observer, _)| {
                     body_from_observer_motion(&pose(observer), &pose(*body))
@@ -494,6 +466,20 @@ impl WithSimd for Task<'_> {
             }
         }
     }
+}
+
+/// What the image points of a body at a moment add up to.
+pub(super) struct Moment<'a> {
+    /// `J^T J` by the pose as it is seen, lower triangle, and `J^T r`.
+    pub by_pose: [[f64; POSE]; POSE],
+    pub of_pose: [f64; POSE],
+    /// First numbers of the points that are yet to come, of those that are adjusted, and their blocks of the
+    /// coupling.
+    pub points: &'a [u32],
+    pub coupling: &'a mut [CouplingBlock],
+    /// `J^T J` of each point by itself, row after row, and `J^T r`.
+    pub by_point: &'a mut [f64],
+    pub of_point: &'a mut [f64],
 }
 
 /// How well a system is solved.
@@ -545,6 +531,36 @@ impl FramesFactor {
         }
     }
 
+    /// Solves for one step with `extra` on the diagonal, in place, until the residual is this share of the
+    /// right-hand side or less, and factorises no more than that takes.
+    pub(super) fn step(
+        &mut self,
+        frames: &Frames,
+        normal: &Normal,
+        extra: &[f64],
+        share: f64,
+        b: &mut [f64],
+    ) -> Result<(), Singular> {
+        self.extra.clear();
+        self.extra.extend_from_slice(extra);
+        match &mut self.kind {
+            Kind::Together(factor) => factor.step(frames, normal, extra, share, b),
+            Kind::Apart(factor) => {
+                factor.factorise(normal, extra)?;
+                factor.solve(normal, b, share);
+                Ok(())
+            }
+        }
+    }
+
+    /// Makes what the last step did without.
+    pub(super) fn complete(&mut self, frames: &Frames, normal: &Normal) -> Result<(), Singular> {
+        match &mut self.kind {
+            Kind::Together(factor) => factor.complete(frames, normal),
+            Kind::Apart(_) => Ok(()),
+        }
+    }
+
     /// Solves for right-hand sides in the order of the pattern, in place. What the change of variables
     /// cancels in a right-hand side is made good by one refinement.
     pub(super) fn solve(&mut self, frames: &Frames, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
@@ -587,7 +603,7 @@ impl FramesFactor {
 
 impl Frames {
     /// The normal matrix with `extra` on its diagonal, times `x`, in the order of the pattern.
-    fn multiply(&self, normal: &Normal, extra: &[f64], x: &[f64]) -> Vec<f64> {
+    pub(super) fn multiply(&self, normal: &Normal, extra: &[f64], x: &[f64]) -> Vec<f64> {
         let linear = normal.frames.as_ref().expect("linearised by frames");
         let mut product = normal.matrix.multiply(x);
         product.iter_mut().zip(extra).zip(x).for_each(|((p, e), x)| *p += e * x);
@@ -614,12 +630,11 @@ impl Frames {
             .iter()
             .zip(&linear.coupling)
             .map(|(home, coupling)| {
-                let of_home = shape.rows(home.rows.start, home.rows.len()).into_owned();
-                coupling_transposed_times(coupling, home.columns, &of_home)
+                coupling.times(&shape.rows(home.rows.start, home.rows.len()).into_owned())
             })
             .collect();
         let mut ys: Vec<DMatrix<f64>> =
-            self.homes.iter().map(|home| DMatrix::zeros(home.columns, 1)).collect();
+            self.homes.iter().map(|home| DMatrix::zeros(POSE * home.coupling.poses(), 1)).collect();
         let mut next = vec![0; self.homes.len()];
         let mut body = linear.bodies.iter();
         for (t, starts) in starts.iter().enumerate() {
@@ -648,7 +663,7 @@ impl Frames {
         let mut of_shape = DMatrix::zeros(self.shape, 1);
         for ((home, coupling), y) in self.homes.iter().zip(&linear.coupling).zip(&ys) {
             let mut own = DMatrix::zeros(home.rows.len(), 1);
-            add_coupling_times(coupling, y, &mut own);
+            coupling.add_transposed_times(y, &mut own);
             of_shape.rows_mut(home.rows.start, home.rows.len()).copy_from(&own);
         }
         for (blocks, _) in &linear.sums {

@@ -1,8 +1,11 @@
 //! Measurements of one kind under one loss.
 
 use super::common::CommonLinear;
+use super::frames::Moment;
 use super::leaves::{Entry, Local, Part};
 use super::{BlockId, Cost, System, Values};
+use crate::nlls::linear::coupling::POINT;
+use crate::nlls::linear::pose_chain::POSE;
 use crate::nlls::loss::Loss;
 use crate::nlls::manifold::MAX_TANGENT;
 use crate::nlls::residual::{Jacobian, Residual};
@@ -84,6 +87,15 @@ pub(super) trait AnyGroup: Send + Sync {
     /// `J x`, whitened and weighted, row by row.
     fn product(&self, system: &System, values: &Values, x: &[f64]) -> Vec<f64>;
     fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear);
+    /// Adds image points of a body at a moment: observer, body and point are their first blocks.
+    fn add_to_moment(
+        &self,
+        items: &[(u32, u32)],
+        system: &System,
+        values: &Values,
+        least_flatness: f64,
+        moment: &mut Moment<'_>,
+    );
     /// Appends measurements that see this leaf, linearised.
     fn linearise_leaf(
         &self,
@@ -268,6 +280,82 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
         }
         let parts = (first_part, local.parts.len());
         local.entries.push(Entry { row, rows: ROWS, parts, other, width });
+    }
+}
+
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
+    #[inline(always)]
+    fn add_one_to_moment(
+        &self,
+        measurement: &Measurement<R, ROWS, BLOCKS>,
+        system: &System,
+        values: &Values,
+        least_flatness: f64,
+        moment: &mut Moment<'_>,
+    ) {
+        let point = measurement.blocks[2];
+        let place = system.position[point.0].map(|_| {
+            let at = *moment.points.split_off_first().expect("a place for each point") as usize;
+            let block = moment.coupling.split_off_first_mut().expect("a block for each point");
+            *block = [[0.0; POSE]; POINT];
+            (at, block)
+        });
+        let mut jacobian = Jacobian::zeros();
+        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
+            return;
+        };
+        let residual = &weighed.residual;
+        let of_pose: [SVector<f64, ROWS>; POSE] = std::array::from_fn(|k| weighed.column(&jacobian.0[1], k));
+        for i in 0..POSE {
+            moment.of_pose[i] += of_pose[i].dot(residual);
+            for j in 0..=i {
+                moment.by_pose[i][j] += of_pose[i].dot(&of_pose[j]);
+            }
+        }
+        let Some((at, block)) = place else { return };
+        let free = &system.blocks[point.0].free;
+        let of_point: [SVector<f64, ROWS>; POINT] =
+            std::array::from_fn(
+                |i| {
+                    if free[i] { weighed.column(&jacobian.0[2], i) } else { SVector::zeros() }
+                },
+            );
+        let own = &mut moment.by_point[POINT * at..][..POINT * POINT];
+        let gradient = &mut moment.of_point[at..][..POINT];
+        for i in 0..POINT {
+            gradient[i] += of_point[i].dot(residual);
+            for j in 0..POINT {
+                own[i * POINT + j] += of_point[i].dot(&of_point[j]);
+            }
+            for k in 0..POSE {
+                block[i][k] = of_point[i].dot(&of_pose[k]);
+            }
+        }
+    }
+}
+
+/// [`Group::add_one_to_moment`] with the vector instructions that the machine has.
+struct AddToMoment<'a, 'm, R, const ROWS: usize, const BLOCKS: usize> {
+    group: &'a Group<R, ROWS, BLOCKS>,
+    items: &'a [(u32, u32)],
+    system: &'a System,
+    values: &'a Values,
+    least_flatness: f64,
+    moment: &'a mut Moment<'m>,
+}
+
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> WithSimd
+    for AddToMoment<'_, '_, R, ROWS, BLOCKS>
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let AddToMoment { group, items, system, values, least_flatness, moment } = self;
+        for (_, item) in items {
+            let measurement = &group.measurements[*item as usize];
+            group.add_one_to_moment(measurement, system, values, least_flatness, moment);
+        }
     }
 }
 
@@ -464,6 +552,18 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
                     self.linearise_one(measurement, system, values, least_flatness, residual, jacobian);
                 }
             });
+    }
+
+    fn add_to_moment(
+        &self,
+        items: &[(u32, u32)],
+        system: &System,
+        values: &Values,
+        least_flatness: f64,
+        moment: &mut Moment<'_>,
+    ) {
+        let work = AddToMoment { group: self, items, system, values, least_flatness, moment };
+        Arch::new().dispatch(work);
     }
 
     fn linearise_leaf(

@@ -15,16 +15,17 @@
 //! it: it is never stored. Blocks are turned back from `c`, `y` into `c`, `v` at the end.
 
 use super::factors::Kind as FactorKind;
-use super::frames::{BodyAtStep, Frames, POINT, Place};
+use super::frames::{BodyAtStep, Frames, Place};
 use super::leaves::Local;
 use super::together::TogetherFactor;
 use super::{BlockId, Curvature, Factors, GroupId, Normal, System, Values};
+use crate::nlls::linear::coupling::POINT;
 use crate::nlls::linear::pose_chain::POSE;
 use nalgebra::{DMatrix, Matrix6};
 use rayon::prelude::*;
 
-/// Rows of the border that one task solves for.
-const BORDER_ROWS: usize = 128;
+/// Rows of the border that one task solves for, whole points.
+const BORDER_ROWS: usize = 126;
 /// Columns of `X S^-1` that are made at a time.
 const PANEL_COLUMNS: usize = 384;
 
@@ -235,10 +236,12 @@ impl TogetherFactor {
                 let mut piece = DMatrix::zeros(rows, chain.size());
                 let shapes = first.min(m)..(first + rows).min(m);
                 for (t, &(c, y)) in frames.dims.iter().enumerate() {
-                    for column in 0..y {
-                        let seen = &linear.coupling[0][(frames.y_starts[t] + column) * m..][..m];
-                        let mut out = piece.column_mut(chain.start(t) + c + column);
-                        out.as_mut_slice()[..shapes.len()].copy_from_slice(&seen[shapes.clone()]);
+                    for (body, at) in (0..y).step_by(POSE).enumerate() {
+                        let mut seen = DMatrix::zeros(shapes.len(), POSE);
+                        let pose = frames.y_starts[t] / POSE + body;
+                        linear.coupling[0].add_columns(pose, shapes.clone(), seen.as_mut_slice());
+                        let place = (0, chain.start(t) + c + at);
+                        piece.view_mut(place, seen.shape()).copy_from(&seen);
                     }
                 }
                 for row in shapes.len()..rows {

@@ -1,5 +1,6 @@
 //! The system against dense algebra and finite differences.
 
+use super::together::TogetherFactor;
 use super::*;
 use crate::geometry::{pose, rotation::exp};
 use crate::nlls::linear::cholesky::Cholesky;
@@ -781,6 +782,56 @@ fn assert_frames_change_no_step(arrangement: Arrangement, rule: Rule) {
                 for (found, wanted) in [step.slope, step.squared, largest].iter().zip(model) {
                     assert!((found - wanted).abs() < 1e-10 * wanted.abs(), "{found} {wanted}");
                 }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_step_by_the_factor_of_an_earlier_border_is_that_of_the_dense_solver() {
+    for held_observers in [false, true] {
+        for loss in [Loss::Squared, Loss::Huber { scale: 3.0 }] {
+            let whole = film(None, held_observers, loss);
+            let film = film(Some(Arrangement::Together), held_observers, loss);
+            let frames = film.frames.as_ref().unwrap();
+            let mut factor = TogetherFactor::new(frames).unwrap();
+            let mut normal = film.normal();
+            // Once for a damping that is another, then as it should be; and given up after one product.
+            for (earlier, damping, most, comes_to_its_end) in
+                [(1.0, 1e-4, 200, true), (1e-2, 0.0, 200, true), (1.0, 1e-4, 1, false)]
+            {
+                let curvature = Curvature { damping, least_flatness: 1.0 };
+                film.linearise(film.start(), curvature, &mut normal).unwrap();
+                let scaled = |damping: f64| normal.scale().iter().map(|d| d * damping).collect::<Vec<_>>();
+                factor.factorise(frames, &normal, &scaled(earlier)).unwrap();
+                let extra = scaled(damping);
+                let right: Vec<f64> = normal.raw_gradient().iter().map(|g| -g).collect();
+                let mut delta = vec![0.0; right.len()];
+                // The change of variables cancels digits, so that a second step refines the first.
+                for _ in 0..2 {
+                    let product = frames.multiply(&normal, &extra, &delta);
+                    let mut rest: Vec<f64> = right.iter().zip(product).map(|(b, p)| b - p).collect();
+                    let found = factor.step_within(frames, &normal, &extra, (1e-13, most), &mut rest);
+                    assert_eq!(found, Ok(comes_to_its_end), "{held_observers} {loss:?} {earlier} {damping}");
+                    delta.iter_mut().zip(rest).for_each(|(d, r)| *d += r);
+                    factor.factorise(frames, &normal, &scaled(earlier)).unwrap();
+                }
+                let (wanted, _) = step_of(&whole, curvature);
+                let found: Vec<f64> = (0..wanted.len())
+                    .filter(|block| !wanted[*block].is_empty())
+                    .flat_map(|block| film.step_of(BlockId(block), &delta).to_vec())
+                    .collect();
+                let (found, wanted) = (DVector::from_vec(found), DVector::from_vec(wanted.concat()));
+                let gap = (&found - &wanted).norm() / wanted.norm();
+                assert!(gap < 1e-10, "{held_observers} {loss:?} {earlier} {damping}: {gap:e}");
+                // What the step did without can be had afterwards.
+                let mut rest = right.clone();
+                factor.step_within(frames, &normal, &extra, (1e-2, most), &mut rest).unwrap();
+                factor.complete(frames, &normal).unwrap();
+                let mut again = right.clone();
+                factor.solve(frames, &normal, &mut again);
+                let gap = (DVector::from_vec(again) - DVector::from_vec(delta.clone())).norm();
+                assert!(gap < 1e-6 * DVector::from_vec(delta).norm(), "{gap:e}");
             }
         }
     }
