@@ -106,7 +106,8 @@ impl Problem {
         if words.next::<String>()? != "mvba" || words.next::<usize>()? != 1 {
             return Err("the file does not begin with \"mvba 1\"".into());
         }
-        let (frames, points, count) = (words.next()?, words.next()?, words.next()?);
+        let (frames, points): (usize, usize) = (words.next()?, words.next()?);
+        let count: usize = words.next()?;
         let [f, cx, cy] = words.array()?;
         let camera = Camera {
             size_px: [2 * cx as u32, 2 * cy as u32],
@@ -130,7 +131,7 @@ impl Problem {
         let cameras = read_poses(&mut words, frames)?;
         let vehicles = read_poses(&mut words, frames)?;
         let start = read_points(&mut words, points)?;
-        let mut observations = Vec::new();
+        let mut observations = Vec::with_capacity(count.min(text.len()));
         for _ in 0..count {
             let (frame, point): (usize, usize) = (words.next()?, words.next()?);
             if frame >= frames || point >= points {

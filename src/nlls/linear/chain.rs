@@ -25,17 +25,16 @@
 //! forwards over `W`, the border loses `sum (a_t R_t)(a_t R_t)^T`, `a_t` the adjoint of `e_t`. For one
 //! vehicle under one camera this halves the work.
 
-use super::cholesky::{DenseCholesky, Singular};
+use super::cholesky::Singular;
 use super::coupling::Coupling;
 use super::pose_chain::{POSE, axpy, dot};
+use super::tiles::{TILE, TiledCholesky};
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Rows of the border that one task works on, whole points.
-const BORDER_ROWS: usize = 240;
 /// Columns that are collected before the border is updated.
-const PANEL_COLUMNS: usize = 384;
+const PANEL_COLUMNS: usize = 192;
 
 /// A block band matrix in steps, lower triangle.
 #[derive(Clone, Debug)]
@@ -298,7 +297,7 @@ impl Chain {
 
     /// Subtracts `W^T [H^-1]_yy W` from the lower triangle of the leading part of `border`. The poses of the
     /// coupling are those of all `y` in time order.
-    pub fn reduce(&self, coupling: &Coupling, border: &mut DenseCholesky) {
+    pub fn reduce(&self, coupling: &Coupling, border: &mut TiledCholesky) {
         let m = coupling.pattern().rows();
         if m == 0 {
             return;
@@ -306,10 +305,8 @@ impl Chain {
         let filter = self.innovations();
         let mut y_starts = vec![0];
         self.dims.iter().for_each(|(_, y)| y_starts.push(y_starts[y_starts.len() - 1] + y));
-        let mut pieces: Vec<Adjoint> = (0..m)
-            .step_by(BORDER_ROWS)
-            .map(|first| Adjoint::new(first, BORDER_ROWS.min(m - first), self.band))
-            .collect();
+        let mut pieces: Vec<Adjoint> =
+            (0..m).step_by(TILE).map(|first| Adjoint::new(first, TILE.min(m - first), self.band)).collect();
         let mut panels: Vec<Vec<f64>> = vec![Vec::new(); pieces.len()];
         let steps = self.dims.len();
         let mut first = 0;
@@ -327,7 +324,7 @@ impl Chain {
                 }
             });
             if columns > 0 {
-                border.subtract_squares(&panels, columns);
+                border.subtract_pieces(&panels, columns);
             }
             first = last;
         }
@@ -543,7 +540,7 @@ mod tests {
 
             // The border sees the y alone. More rows than one task takes.
             let ys: usize = dims.iter().map(|d| d.1).sum();
-            let (coupling, dense) = coupling::tests::example(ys / POSE, BORDER_ROWS / POINT + 2);
+            let (coupling, dense) = coupling::tests::example(ys / POSE, TILE / POINT + 2);
             let m = dense.nrows();
             let mut w = DMatrix::zeros(n, m);
             let mut y = 0;
@@ -552,16 +549,15 @@ mod tests {
                 y += ny;
             }
             let wanted = w.transpose() * &inverse * &w;
-            let mut border = DenseCholesky::new(m + 2, 1e9).unwrap();
+            let mut border = TiledCholesky::new(m + 2, 1e9).unwrap();
             chain.reduce(&coupling, &mut border);
-            let border = border.matrix_mut();
             for column in 0..m {
                 for row in column..m {
-                    let gap = (border[(row, column)] + wanted[(row, column)]).abs();
+                    let gap = (border.entry(row, column) + wanted[(row, column)]).abs();
                     assert!(gap < 1e-10 * wanted.norm(), "{dims:?} {band}: {row} {column} {gap:e}");
                 }
             }
-            assert_eq!(border[(m, 0)], 0.0);
+            assert_eq!(border.entry(m, 0), 0.0);
         }
     }
 

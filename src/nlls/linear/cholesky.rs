@@ -1,23 +1,13 @@
 //! Sparse Cholesky factorisation of a [`BlockMatrix`], its symbolic part done once.
 
 use super::matrix::{BlockMatrix, Pattern};
-use super::pose_chain::dot;
-use faer::Accum;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
-use faer::linalg::cholesky::llt;
-use faer::linalg::matmul::triangular::{
-    self,
-    BlockStructure::{Rectangular, TriangularLower},
-};
 use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
 };
-use faer::{Conj, MatMut, MatRef, Par, Side};
-use nalgebra::DMatrix;
-use pulp::{Arch, Simd, WithSimd};
-use rayon::prelude::*;
+use faer::{Conj, MatMut, Par, Side};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 
@@ -116,210 +106,9 @@ impl Cholesky {
     }
 }
 
-/// Subtracts `P P^T` from the lower triangle of `matrix`, where `panel` holds the `columns` columns of
-/// `P`. To be run on threads of the kernels ([`kernel_threads`]).
-pub fn subtract_square(panel: &[f64], columns: usize, matrix: &mut DMatrix<f64>) {
-    let n = matrix.nrows();
-    let panel = MatRef::from_column_major_slice(panel, n, columns);
-    triangular::matmul(
-        MatMut::from_column_major_slice_mut(matrix.as_mut_slice(), n, n),
-        TriangularLower,
-        Accum::Add,
-        panel,
-        Rectangular,
-        panel.transpose(),
-        Rectangular,
-        -1.0,
-        Par::Seq,
-    );
-}
-
 /// Threads for the kernels of the library: see [`Cholesky`].
 pub fn kernel_threads(count: usize) -> Result<Arc<ThreadPool>, TooLarge> {
     ThreadPoolBuilder::new().num_threads(count).build().map(Arc::new).map_err(|_| TooLarge)
-}
-
-/// Factor of a dense matrix, on threads of its own as [`Cholesky`].
-pub struct DenseCholesky {
-    matrix: DMatrix<f64>,
-    workspace: MemBuffer,
-    threads: Arc<ThreadPool>,
-    parallelism: Par,
-}
-
-impl DenseCholesky {
-    /// Room for a matrix of `n` rows, to be made and factorised in `flops` operations.
-    pub fn new(n: usize, flops: f64) -> Result<Self, TooLarge> {
-        let count = if flops > SHARED_FLOPS { rayon::current_num_threads() } else { 1 };
-        let parallelism = if count == 1 { Par::Seq } else { Par::rayon(count) };
-        DenseCholesky::on_threads(n, kernel_threads(count)?, parallelism)
-    }
-
-    /// Room for a matrix of `n` rows that is one of several on the same threads, each on one of them.
-    pub fn one_of_many(n: usize, threads: Arc<ThreadPool>) -> Result<Self, TooLarge> {
-        DenseCholesky::on_threads(n, threads, Par::Seq)
-    }
-
-    fn on_threads(n: usize, threads: Arc<ThreadPool>, parallelism: Par) -> Result<Self, TooLarge> {
-        let request = StackReq::any_of(&[
-            llt::factor::cholesky_in_place_scratch::<f64>(n, parallelism, Default::default()),
-            llt::solve::solve_in_place_scratch::<f64>(n, MAX_RIGHT_SIDES, Par::Seq),
-        ]);
-        let workspace = MemBuffer::try_new(request).map_err(|_| TooLarge)?;
-        let mut values = Vec::new();
-        values.try_reserve_exact(n * n).map_err(|_| TooLarge)?;
-        values.resize(n * n, 0.0);
-        let matrix = DMatrix::from_vec(n, n, values);
-        Ok(DenseCholesky { matrix, workspace, threads, parallelism })
-    }
-
-    /// The matrix, of which the lower triangle counts; after the factorisation its factor.
-    pub fn matrix_mut(&mut self) -> &mut DMatrix<f64> {
-        &mut self.matrix
-    }
-
-    /// Subtracts `P P^T` from the lower triangle of the leading part of the matrix, where `P` has so many
-    /// columns and comes in pieces of rows.
-    pub fn subtract_squares(&mut self, pieces: &[Vec<f64>], columns: usize) {
-        let DenseCholesky { matrix, threads, .. } = self;
-        let n = matrix.nrows();
-        let pieces: Vec<MatRef<'_, f64>> = pieces
-            .iter()
-            .map(|piece| MatRef::from_column_major_slice(piece, piece.len() / columns, columns))
-            .collect();
-        // Each pair of pieces has a block of the matrix to itself.
-        let mut blocks = Vec::with_capacity(pieces.len() * (pieces.len() + 1) / 2);
-        let mut right = MatMut::from_column_major_slice_mut(matrix.as_mut_slice(), n, n);
-        for (j, piece) in pieces.iter().enumerate() {
-            let (own, rest) = right.split_at_col_mut(piece.nrows());
-            let mut below = own.split_at_row_mut(pieces[..j].iter().map(|p| p.nrows()).sum()).1;
-            for (i, row) in pieces.iter().enumerate().skip(j) {
-                let (block, rest) = below.split_at_row_mut(row.nrows());
-                blocks.push((i, j, block));
-                below = rest;
-            }
-            right = rest;
-        }
-        threads.install(|| {
-            blocks.into_par_iter().for_each(|(i, j, block)| {
-                let structure = if i == j { TriangularLower } else { Rectangular };
-                triangular::matmul(
-                    block,
-                    structure,
-                    Accum::Add,
-                    pieces[i],
-                    Rectangular,
-                    pieces[j].transpose(),
-                    Rectangular,
-                    -1.0,
-                    Par::Seq,
-                );
-            });
-        });
-    }
-
-    /// Factorises the matrix.
-    pub fn factorise(&mut self) -> Result<(), Singular> {
-        let DenseCholesky { matrix, workspace, threads, parallelism } = self;
-        let n = matrix.nrows();
-        threads.install(|| {
-            let matrix = MatMut::from_column_major_slice_mut(matrix.as_mut_slice(), n, n);
-            let stack = MemStack::new(workspace);
-            llt::factor::cholesky_in_place(
-                matrix,
-                Default::default(),
-                *parallelism,
-                stack,
-                Default::default(),
-            )
-            .map(|_| ())
-            .map_err(|_| Singular)
-        })
-    }
-
-    /// The inverse of the matrix, after the factorisation.
-    pub fn inverse(&mut self) -> DMatrix<f64> {
-        let mut inverse = DMatrix::identity(self.matrix.nrows(), self.matrix.nrows());
-        self.solve(&mut inverse);
-        inverse
-    }
-
-    /// `A B` on the threads of this factor, for a `B` of so many columns that comes in pieces of rows.
-    pub fn product(&self, a: &DMatrix<f64>, pieces: &[&[f64]], columns: usize) -> DMatrix<f64> {
-        const ROWS: usize = 128;
-        let mut product = DMatrix::zeros(a.nrows(), columns);
-        if columns == 0 {
-            return product;
-        }
-        let n = a.nrows();
-        let factor = MatRef::from_column_major_slice(a.as_slice(), n, a.ncols());
-        let mut left = MatMut::from_column_major_slice_mut(product.as_mut_slice(), n, columns);
-        let mut tasks = Vec::with_capacity(n.div_ceil(ROWS));
-        for first in (0..n).step_by(ROWS) {
-            let (own, rest) = left.split_at_row_mut(ROWS.min(n - first));
-            tasks.push((first, own));
-            left = rest;
-        }
-        self.threads.install(|| {
-            tasks.into_par_iter().for_each(|(first, mut own)| {
-                let mut at = 0;
-                for piece in pieces {
-                    let rows = piece.len() / columns;
-                    let part = factor.submatrix(first, at, own.nrows(), rows);
-                    let piece = MatRef::from_column_major_slice(piece, rows, columns);
-                    faer::linalg::matmul::matmul(own.as_mut(), Accum::Add, part, piece, 1.0, Par::Seq);
-                    at += rows;
-                }
-            });
-        });
-        product
-    }
-
-    /// Solves for the columns of `b` in place.
-    pub fn solve(&mut self, b: &mut DMatrix<f64>) {
-        let DenseCholesky { matrix, workspace, threads, .. } = self;
-        let n = matrix.nrows();
-        if n == 0 {
-            return;
-        }
-        threads.install(|| {
-            let factor = MatRef::from_column_major_slice(matrix.as_slice(), n, n);
-            for columns in b.as_mut_slice().chunks_mut(n * MAX_RIGHT_SIDES) {
-                let count = columns.len() / n;
-                let side = MatMut::from_column_major_slice_mut(columns, n, count);
-                let stack = MemStack::new(workspace);
-                llt::solve::solve_in_place_with_conj(factor, Conj::No, side, Par::Seq, stack);
-            }
-        });
-    }
-
-    /// The same for few columns, on this thread.
-    pub fn solve_here(&self, b: &mut DMatrix<f64>) {
-        struct Work<'a>(&'a DMatrix<f64>, &'a mut [f64]);
-        impl WithSimd for Work<'_> {
-            type Output = ();
-            #[inline(always)]
-            fn with_simd<S: Simd>(self, _: S) {
-                let Work(factor, b) = self;
-                let n = factor.nrows();
-                for x in b.chunks_exact_mut(n) {
-                    for j in 0..n {
-                        let column = &factor.as_slice()[j * n..][..n];
-                        let value = x[j] / column[j];
-                        x[j] = value;
-                        x[j + 1..].iter_mut().zip(&column[j + 1..]).for_each(|(x, l)| *x -= l * value);
-                    }
-                    for j in (0..n).rev() {
-                        let column = &factor.as_slice()[j * n..][..n];
-                        x[j] = (x[j] - dot(&column[j + 1..], &x[j + 1..])) / column[j];
-                    }
-                }
-            }
-        }
-        if self.matrix.nrows() > 0 {
-            Arch::new().dispatch(Work(&self.matrix, b.as_mut_slice()));
-        }
-    }
 }
 
 /// Right-hand sides that are solved together.

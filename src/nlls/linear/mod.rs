@@ -29,3 +29,4 @@ pub mod gradients;
 pub mod matrix;
 pub mod ordering;
 pub mod pose_chain;
+pub mod tiles;

@@ -12,8 +12,9 @@
 //! Where a step has one pose that the border sees whole, `Z_t` has rank 6 as it is, and nothing of the
 //! filter of [`super::chain`] is needed.
 
-use super::cholesky::{Singular, subtract_square};
+use super::cholesky::Singular;
 use super::coupling::Coupling;
+use super::tiles::TiledCholesky;
 use nalgebra::{DMatrix, Matrix6};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -140,8 +141,8 @@ impl PoseChain {
     }
 
     /// Subtracts `W^T H^-1 W` from the lower triangle of `border`, after the factorisation.
-    pub fn reduce(&self, coupling: &Coupling, border: &mut DMatrix<f64>) {
-        let m = border.nrows();
+    pub fn reduce(&self, coupling: &Coupling, border: &mut TiledCholesky) {
+        let m = border.size();
         if m == 0 {
             return;
         }
@@ -152,7 +153,7 @@ impl PoseChain {
         while first < self.steps() {
             let count = PANEL_STEPS.min(self.steps() - first);
             Arch::new().dispatch(Panel { chain: self, coupling, m, first, count, panel: &mut panel });
-            subtract_square(&panel[self.band * width..][..count * width], count * POSE, border);
+            border.subtract_whole(&panel[self.band * width..][..count * width], count * POSE);
             panel.copy_within(count * width..(count + self.band) * width, 0);
             first += count;
         }
@@ -317,11 +318,11 @@ mod tests {
             let (coupling, dense) = coupling::tests::example(steps, 4);
             let (w, m) = (dense.transpose(), dense.nrows());
             let wanted = w.transpose() * &inverse * &w;
-            let mut border = DMatrix::zeros(m, m);
+            let mut border = TiledCholesky::new(m, 0.0).unwrap();
             chain.reduce(&coupling, &mut border);
             for column in 0..m {
                 for row in column..m {
-                    let gap = (border[(row, column)] + wanted[(row, column)]).abs();
+                    let gap = (border.entry(row, column) + wanted[(row, column)]).abs();
                     assert!(gap < 1e-11 * wanted.norm(), "{steps} {band}: {row} {column} {gap:e}");
                 }
             }

@@ -31,11 +31,12 @@ use super::Normal;
 use super::frames::{Frames, FramesLinear, Place, Step};
 use super::group::AnyGroup;
 use crate::nlls::linear::chain::Chain;
-use crate::nlls::linear::cholesky::{DenseCholesky, Singular, TooLarge, kernel_threads};
+use crate::nlls::linear::cholesky::{Singular, TooLarge, kernel_threads};
 use crate::nlls::linear::coupling::{Coupling, POINT};
 use crate::nlls::linear::gradients::{Preconditioned, conjugate_gradients};
 use crate::nlls::linear::matrix::Pattern;
 use crate::nlls::linear::pose_chain::{POSE, PoseChain};
+use crate::nlls::linear::tiles::TiledCholesky;
 use nalgebra::{DMatrix, DMatrixView, Matrix6};
 use rayon::ThreadPool;
 use rayon::prelude::*;
@@ -189,7 +190,7 @@ struct Interior {
     prior: PoseChain,
     factor: PoseChain,
     /// Factor of `B - W^T (V + H)^-1 W`.
-    border: DenseCholesky,
+    border: TiledCholesky,
     /// `K` and `Ks`.
     rest: Entries,
     shape_rest: Entries,
@@ -208,7 +209,7 @@ pub(super) struct ApartFactor {
     /// Observers and the one body that stands for all, and their border.
     stand_in: Chain,
     stand_in_rest: [DMatrix<f64>; 2],
-    stand_in_border: DenseCholesky,
+    stand_in_border: TiledCholesky,
     threads: Arc<ThreadPool>,
 }
 
@@ -246,7 +247,7 @@ impl ApartFactor {
                 shape: body.shape.clone(),
                 prior: PoseChain::new(steps, frames.band),
                 factor: PoseChain::new(steps, frames.band),
-                border: DenseCholesky::one_of_many(body.shape.len(), threads.clone())?,
+                border: TiledCholesky::on_threads(body.shape.len(), threads.clone())?,
                 rest: Vec::new(),
                 shape_rest: Vec::new(),
             });
@@ -284,7 +285,7 @@ impl ApartFactor {
             own_rest: Vec::new(),
             stand_in,
             stand_in_rest: [DMatrix::zeros(n, rest), DMatrix::zeros(n, rest)],
-            stand_in_border: DenseCholesky::one_of_many(rest, threads.clone())?,
+            stand_in_border: TiledCholesky::on_threads(rest, threads.clone())?,
             threads,
         })
     }
@@ -309,7 +310,7 @@ impl ApartFactor {
         self.own_rest.clear();
         for body in &mut self.bodies {
             body.prior.clear();
-            body.border.matrix_mut().fill(0.0);
+            body.border.clear();
             body.rest.clear();
             body.shape_rest.clear();
         }
@@ -323,7 +324,7 @@ impl ApartFactor {
                     set(&mut bodies[b as usize].prior, (s, i), (t, j), value)
                 }
                 (At::Shape(b, i), At::Shape(_, j)) => {
-                    bodies[b as usize].border.matrix_mut()[(i.max(j) as usize, i.min(j) as usize)] = value;
+                    *bodies[b as usize].border.entry_mut(i.max(j) as usize, i.min(j) as usize) = value;
                 }
                 (At::Rest(i), At::Rest(j)) => {
                     rest[(i as usize, j as usize)] = value;
@@ -385,7 +386,11 @@ impl ApartFactor {
         solved.copy_from(coupling);
         stand_in.solve(solved);
         let reduced = &*rest - coupling.tr_mul(solved);
-        stand_in_border.matrix_mut().copy_from(&reduced);
+        for column in 0..reduced.ncols() {
+            for row in column..reduced.nrows() {
+                *stand_in_border.entry_mut(row, column) = reduced[(row, column)];
+            }
+        }
         stand_in_border.factorise()
     }
 
@@ -547,18 +552,17 @@ impl Interior {
             self.turns[moment] = if observer.is_some() { *turn } else { Matrix6::zeros() };
         }
         self.factor.factorise()?;
-        let border = self.border.matrix_mut();
         for (blocks, _) in &linear.sums {
             for at in (0..self.shape.len()).step_by(POINT) {
                 let block = &blocks[POINT * (self.shape.start + at)..][..POINT * POINT];
                 for i in 0..POINT {
                     for j in 0..=i {
-                        border[(at + i, at + j)] += block[i * POINT + j];
+                        *self.border.entry_mut(at + i, at + j) += block[i * POINT + j];
                     }
                 }
             }
         }
-        self.factor.reduce(coupling, border);
+        self.factor.reduce(coupling, &mut self.border);
         self.border.factorise()
     }
 

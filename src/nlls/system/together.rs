@@ -15,10 +15,11 @@
 use super::Normal;
 use super::frames::{Frames, FramesLinear, Place, Step};
 use crate::nlls::linear::chain::Chain;
-use crate::nlls::linear::cholesky::{DenseCholesky, Singular, TooLarge};
+use crate::nlls::linear::cholesky::{Singular, TooLarge};
 use crate::nlls::linear::coupling::POINT;
 use crate::nlls::linear::gradients::{Preconditioned, conjugate_gradients};
 use crate::nlls::linear::pose_chain::POSE;
+use crate::nlls::linear::tiles::TiledCholesky;
 use nalgebra::DMatrix;
 
 /// How many times longer an operation of conjugate gradients takes, which waits for memory, than one of
@@ -30,7 +31,7 @@ const LEAST_GRADIENTS: usize = 4;
 /// The factors of a damped system.
 pub(super) struct TogetherFactor {
     pub chain: Chain,
-    pub border: DenseCholesky,
+    pub border: TiledCholesky,
     /// Of which border that is the factor.
     made: Made,
     /// `V` and `H^-1 V`.
@@ -54,7 +55,7 @@ impl TogetherFactor {
     pub fn new(frames: &Frames) -> Result<Self, TooLarge> {
         let chain = Chain::new(frames.dims.clone(), frames.band);
         let (n, r) = (chain.size(), frames.border - frames.shape);
-        let border = DenseCholesky::new(frames.border, frames.flops)?;
+        let border = TiledCholesky::new(frames.border, frames.flops)?;
         Ok(TogetherFactor {
             chain,
             border,
@@ -173,13 +174,14 @@ impl TogetherFactor {
         let linear = normal.frames.as_ref().expect("linearised by frames");
         let TogetherFactor { chain, border, made, rest: [rest, solved], blocks, entries, .. } = self;
         *made = Made::Nothing;
-        let matrix = border.matrix_mut();
-        matrix.fill(0.0);
-        entries.iter().for_each(|&(row, column, value)| matrix[(row as usize, column as usize)] = value);
+        border.clear();
+        for &(row, column, value) in &*entries {
+            *border.entry_mut(row as usize, column as usize) = value;
+        }
         for at in (0..frames.shape).step_by(POINT) {
             for i in 0..POINT {
                 for j in 0..=i {
-                    matrix[(at + i, at + j)] += blocks[POINT * at + i * POINT + j];
+                    *border.entry_mut(at + i, at + j) += blocks[POINT * at + i * POINT + j];
                 }
             }
         }
@@ -188,13 +190,13 @@ impl TogetherFactor {
             let below = frames.coupling_times(linear, chain, solved);
             for i in 0..r {
                 for j in 0..m {
-                    matrix[(m + i, j)] -= below[(j, i)];
+                    *border.entry_mut(m + i, j) -= below[(j, i)];
                 }
             }
             let own = rest.transpose() * &*solved;
             for i in 0..r {
                 for j in 0..=i {
-                    matrix[(m + i, m + j)] -= own[(i, j)];
+                    *border.entry_mut(m + i, m + j) -= own[(i, j)];
                 }
             }
         }
