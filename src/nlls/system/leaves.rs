@@ -17,8 +17,9 @@
 //! E~_i = E_i L^-T        S_ij += J_i^T (d_ij - E~_i E~_j^T) J_j
 //! ```
 //!
-//! which for an image point has rank 2 where `W_e^T V_e^-1 W_e` has the rank of the leaf. A second
-//! pass linearises again and finds the steps of the leaves.
+//! which for an image point has rank 2 where `W_e^T V_e^-1 W_e` has the rank of the leaf. Of a leaf whose
+//! others are neighbours, `Y_i = J_i^T E~_i` is made first and `Y_i Y_j^T` subtracted column by column, since there they
+//! stand together. A second pass linearises again and finds the steps of the leaves.
 //!
 //! Leaves are cut into chunks whose number depends on the problem alone; each has sums of its own,
 //! which are added in order: the same bytes for any number of threads.
@@ -36,6 +37,13 @@ const ROOM: usize = 32 << 20;
 const MOST_CHUNKS: usize = 16;
 /// Up to so many blocks, the place of a pair is looked up in a table.
 const MOST_IN_TABLE: usize = 2048;
+
+/// How many blocks one after the other are a long run of them.
+const LONG: usize = 4;
+/// Columns of the reduced system that are updated together.
+const COLUMNS: usize = 3;
+/// Rows that are updated together.
+const LANES: usize = 8;
 
 /// Work that is compiled for each size that a leaf may have ([`Leaves::can_take`]).
 macro_rules! by_size {
@@ -132,6 +140,11 @@ pub(super) struct Local {
     pub other: Vec<f64>,
     /// Rows of `leaf` times `L^-T`.
     reduced: Vec<f64>,
+    /// `Y`, all other blocks one below the other, column by column.
+    panel: Vec<f64>,
+    /// The positions of the other blocks, and which of them are neighbours.
+    positions: Vec<usize>,
+    runs: Vec<Range<usize>>,
 }
 
 /// One measurement.
@@ -345,24 +358,144 @@ impl Leaves {
         for (row, out) in leaf.as_chunks::<DE>().0.iter().zip(reduced.as_chunks_mut::<DE>().0) {
             *out = factor.forward(*row);
         }
-        let uniform = |rows: usize, width: usize| {
-            let mut last = 0;
-            local.entries.iter().all(|e| {
-                let position = local.parts[e.parts.0].position;
-                let in_order = position >= last;
-                last = position;
-                e.rows == rows && e.width == width && e.parts.1 - e.parts.0 == 1 && in_order
-            })
+        // In the order of positions, and whether most stand in long runs of them.
+        let mut in_runs = false;
+        let mut uniform = |rows: usize, width: usize| {
+            let alike = |e: &Entry| e.rows == rows && e.width == width && e.parts.1 - e.parts.0 == 1;
+            if !local.entries.iter().all(alike) {
+                return false;
+            }
+            let position = |e: &Entry| local.parts[e.parts.0].position;
+            let (mut runs, mut others) = (1, 1);
+            let in_order = local.entries.windows(2).all(|pair| {
+                let (a, b) = (position(&pair[0]), position(&pair[1]));
+                runs += usize::from(b > a + 1);
+                others += usize::from(b > a);
+                b >= a
+            });
+            in_runs = others >= LONG * runs;
+            in_order
         };
         let pattern = &*system.pattern;
         if uniform(2, 9) {
-            self.add_uniform::<DE, 9>(pattern, &half, local, sums);
+            if in_runs {
+                self.add_runs::<DE, 9>(pattern, &half, local, sums);
+            } else {
+                self.add_uniform::<DE, 9>(pattern, &half, local, sums);
+            }
         } else if uniform(2, 6) {
-            self.add_uniform::<DE, 6>(pattern, &half, local, sums);
+            if in_runs {
+                self.add_runs::<DE, 6>(pattern, &half, local, sums);
+            } else {
+                self.add_uniform::<DE, 6>(pattern, &half, local, sums);
+            }
         } else {
             self.add_any::<DE>(pattern, &half, local, sums);
         }
         Some(())
+    }
+
+    #[inline(always)]
+    fn add_gradients<const DE: usize, const D: usize>(
+        &self,
+        position: usize,
+        jacobian: &[[f64; D]; 2],
+        reduced: &[[f64; DE]; 2],
+        r: &[f64; 2],
+        half: &[f64; DE],
+        sums: &mut Sums,
+    ) {
+        let start = self.places.starts[position];
+        let own = &mut sums.gradient[start..start + D];
+        let q = [r[0] - dot(&reduced[0], half), r[1] - dot(&reduced[1], half)];
+        for c in 0..D {
+            own[c] += jacobian[0][c] * q[0] + jacobian[1][c] * q[1];
+        }
+        let own = &mut sums.raw_gradient[start..start + D];
+        for c in 0..D {
+            own[c] += jacobian[0][c] * r[0] + jacobian[1][c] * r[1];
+        }
+        let own = &mut sums.diagonal[start..start + D];
+        for c in 0..D {
+            own[c] += jacobian[0][c] * jacobian[0][c] + jacobian[1][c] * jacobian[1][c];
+        }
+    }
+
+    /// Image points with one other block each, in long runs of positions.
+    #[inline(always)]
+    fn add_runs<const DE: usize, const D: usize>(
+        &self,
+        pattern: &Pattern,
+        half: &[f64; DE],
+        local: &mut Local,
+        sums: &mut Sums,
+    ) {
+        let Local { parts, residuals, other, reduced, panel, positions, runs, .. } = local;
+        let jacobians = other.as_chunks::<D>().0.as_chunks::<2>().0;
+        let reduced = reduced.as_chunks::<DE>().0.as_chunks::<2>().0;
+        let residuals = residuals.as_chunks::<2>().0;
+        positions.clear();
+        positions.extend(parts.iter().map(|part| part.position));
+        positions.dedup();
+        runs.clear();
+        for (i, position) in positions.iter().enumerate() {
+            match runs.last_mut() {
+                Some(run) if positions[i - 1] + 1 == *position => run.end = i + 1,
+                _ => runs.push(i..i + 1),
+            }
+        }
+        let rows = positions.len() * D;
+        panel.clear();
+        panel.resize(DE * rows, 0.0);
+        let mut i = 0;
+        for (measurement, &jacobian) in jacobians.iter().enumerate() {
+            let (e, position) = (&reduced[measurement], parts[measurement].position);
+            i += usize::from(positions[i] != position);
+            self.add_gradients(position, &jacobian, e, &residuals[measurement], half, sums);
+            let place = self.places.get(pattern, position, position);
+            add_lower::<D>(&mut sums.values, place, &jacobian, &jacobian);
+            for d in 0..DE {
+                let out = &mut panel[d * rows + i * D..][..D];
+                for c in 0..D {
+                    out[c] += jacobian[0][c] * e[0][d] + jacobian[1][c] * e[1][d];
+                }
+            }
+        }
+        let mut run = 0;
+        for j in 0..positions.len() {
+            while runs[run].end <= j {
+                run += 1;
+            }
+            for first in (0..D).step_by(COLUMNS) {
+                let y: [[f64; COLUMNS]; DE] =
+                    std::array::from_fn(|d| std::array::from_fn(|c| panel[d * rows + j * D + first + c]));
+                for run in &runs[run..] {
+                    // On the diagonal, rows from the last of these columns on; the triangle above by itself.
+                    let is_own = run.start <= j;
+                    let i = run.start.max(j);
+                    let skipped = if is_own { first + COLUMNS - 1 } else { 0 };
+                    let place = self.places.get(pattern, positions[i], positions[j]);
+                    let (begin, end) = (i * D + skipped, run.end * D);
+                    let out = sums.values.get_disjoint_mut(std::array::from_fn::<_, COLUMNS, _>(|c| {
+                        let at = place.column_start(first + c) + skipped;
+                        at..at + (end - begin)
+                    }));
+                    let out = out.expect("columns stand one behind the other");
+                    let own = std::array::from_fn(|d| &panel[d * rows + begin..d * rows + end]);
+                    subtract_products(out, own, &y);
+                    if is_own {
+                        for c in 0..COLUMNS - 1 {
+                            let at = place.column_start(first + c);
+                            for row in first + c..skipped {
+                                for d in 0..DE {
+                                    sums.values[at + row] -= panel[d * rows + j * D + row] * y[d][c];
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
     }
 
     /// Image points with one other block each, in the order of its position.
@@ -379,22 +512,9 @@ impl Leaves {
         let residuals = local.residuals.as_chunks::<2>().0;
         // Copies, so that what is added to is known to be something else.
         for (i, &j_i) in jacobians.iter().enumerate() {
-            let (e_i, r) = (&reduced[i], &residuals[i]);
+            let e_i = &reduced[i];
             let position = local.parts[i].position;
-            let start = self.places.starts[position];
-            let own = &mut sums.gradient[start..start + D];
-            let q = [r[0] - dot(&e_i[0], half), r[1] - dot(&e_i[1], half)];
-            for c in 0..D {
-                own[c] += j_i[0][c] * q[0] + j_i[1][c] * q[1];
-            }
-            let own = &mut sums.raw_gradient[start..start + D];
-            for c in 0..D {
-                own[c] += j_i[0][c] * r[0] + j_i[1][c] * r[1];
-            }
-            let own = &mut sums.diagonal[start..start + D];
-            for c in 0..D {
-                own[c] += j_i[0][c] * j_i[0][c] + j_i[1][c] * j_i[1][c];
-            }
+            self.add_gradients(position, &j_i, e_i, &residuals[i], half, sums);
             let cross = -dot(&e_i[0], &e_i[1]);
             let p = [[1.0 - dot(&e_i[0], &e_i[0]), cross], [cross, 1.0 - dot(&e_i[1], &e_i[1])]];
             let place = self.places.get(pattern, position, position);
@@ -727,6 +847,42 @@ fn times<const D: usize>(p: &[[f64; 2]; 2], j: &[[f64; D]; 2]) -> [[f64; D]; 2] 
         t[1][c] = p[1][0] * j[0][c] + p[1][1] * j[1][c];
     }
     t
+}
+
+/// Subtracts `P y` from some columns, `P` column by column.
+#[inline(always)]
+fn subtract_products<const DE: usize>(
+    out: [&mut [f64]; COLUMNS],
+    panel: [&[f64]; DE],
+    y: &[[f64; COLUMNS]; DE],
+) {
+    let rows = panel[0].len();
+    let whole = rows - rows % LANES;
+    for at in (0..whole).step_by(LANES) {
+        // Copies, so that what is added to is known to be something else.
+        let mut sums = [[0.0; LANES]; COLUMNS];
+        for c in 0..COLUMNS {
+            sums[c].copy_from_slice(&out[c][at..at + LANES]);
+        }
+        for d in 0..DE {
+            let p: &[f64; LANES] = panel[d][at..].first_chunk().expect("whole");
+            for c in 0..COLUMNS {
+                for i in 0..LANES {
+                    sums[c][i] -= p[i] * y[d][c];
+                }
+            }
+        }
+        for c in 0..COLUMNS {
+            out[c][at..at + LANES].copy_from_slice(&sums[c]);
+        }
+    }
+    for at in whole..rows {
+        for c in 0..COLUMNS {
+            for d in 0..DE {
+                out[c][at] -= panel[d][at] * y[d][c];
+            }
+        }
+    }
 }
 
 /// Adds the lower triangle of `a^T b`.

@@ -294,9 +294,29 @@ impl<const N: usize> Residual<2, 2> for Image<N> {
 
 /// Four cameras above twenty points, one camera held; a point may be seen twice in an image.
 fn images<const N: usize>(leaves: bool) -> System {
+    // Of each point two images in the same camera.
+    let camera = |k: usize| if k >= 100 { 0 } else { (k / 20 + k) % 4 };
+    images_by::<N>(4, (0..110).map(|k| (camera(k), k % 20)), leaves)
+}
+
+/// The same by twelve cameras: many that are neighbours see a point, some of them twice, or one that is no
+/// neighbour sees it too, or the one that is held.
+fn images_in_a_row<const N: usize>(leaves: bool) -> System {
+    let of_point = |i: usize| -> Vec<(usize, usize)> {
+        let others: &[usize] = [&[] as &[usize], &[7], &[11], &[2], &[7, 7, 11]][i % 5];
+        (3..10 + i % 2).chain(others.iter().copied()).map(|camera| (camera, i)).collect()
+    };
+    images_by::<N>(12, (0..20).flat_map(of_point), leaves)
+}
+
+fn images_by<const N: usize>(
+    count: usize,
+    seen: impl Iterator<Item = (usize, usize)>,
+    leaves: bool,
+) -> System {
     let mut builder = SystemBuilder::default();
     let wave = |k: f64| Vector3::new((1.3 * k).sin(), (2.1 * k).cos(), (0.7 * k + 1.0).sin());
-    let cameras: Vec<BlockId> = (0..4)
+    let cameras: Vec<BlockId> = (0..count as u32)
         .map(|i| {
             let place = wave(f64::from(i)) + Vector3::new(0.0, 0.0, -9.0);
             let pose =
@@ -311,13 +331,11 @@ fn images<const N: usize>(leaves: bool) -> System {
     let points: Vec<BlockId> = (0..20)
         .map(|i| builder.add_block(Manifold::POINT, wave(30.0 + f64::from(i)).as_slice(), &[true; 3]))
         .collect();
-    let seen = (0..110_usize).map(|k| {
+    let seen = seen.enumerate().map(|(k, (camera, point))| {
         let pixel = wave(k as f64) * 0.1;
-        // Of each point two images in the same camera.
-        let camera = cameras[if k >= 100 { 0 } else { (k / 20 + k) % 4 }];
         Measurement {
             residual: Image::<N>([pixel.x, pixel.y]),
-            blocks: [camera, points[k % 20]],
+            blocks: [cameras[camera], points[point]],
             sigma: [0.01, 0.02],
         }
     });
@@ -333,6 +351,24 @@ fn the_common_sizes_of_bundle_adjustment_change_no_step() {
     assert_same_step(&images::<0>(false), &images::<0>(true));
     assert_same_step(&images::<3>(false), &images::<3>(true));
     assert_same_step(&images::<1>(false), &images::<1>(true));
+}
+
+#[test]
+fn leaves_that_many_neighbours_see_change_no_step() {
+    assert_same_step(&images_in_a_row::<0>(false), &images_in_a_row::<0>(true));
+    assert_same_step(&images_in_a_row::<3>(false), &images_in_a_row::<3>(true));
+}
+
+#[test]
+fn a_leaf_that_only_held_blocks_see_is_eliminated() {
+    // Point 19 is seen by the camera that is held, and by no other.
+    let seen = || (0..95).map(|k| ((k / 19 + k) % 4, k % 19)).chain([(2, 19), (2, 19)]);
+    let curvature = Curvature { damping: 1e-4, least_flatness: 1.0 };
+    let [wanted, found] = [false, true].map(|leaves| {
+        let steps = step_of(&images_by::<3>(4, seen(), leaves), curvature).0;
+        DVector::from_vec(steps.concat())
+    });
+    assert!((&found - &wanted).norm() < 1e-10 * wanted.norm());
 }
 
 #[test]
