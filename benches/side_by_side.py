@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the examples `bal` and `mvba` and Ceres side by side, and prints a table of ratios.
 
-    python3 benches/side_by_side.py [--runs 3] [--textbook] [--fleet] [--bal FILE ...]
+    python3 benches/side_by_side.py [--runs 3] [--textbook] [--fleet] [--ceres DIR] [--bal FILE ...]
 
 Builds both (Ceres needs g++, make, libceres-dev, libopenblas0-pthread, as Debian has them), makes the
 problems that it can make (with numpy) in target/peers, and runs each pair in turn, `--runs` times. BAL files
@@ -20,10 +20,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 WORK = ROOT / "target" / "peers"
+LIBRARY = {}
 
 
 def run(command, **options):
-    environment = dict(os.environ, OPENBLAS_NUM_THREADS="2")
+    environment = dict(os.environ, OPENBLAS_NUM_THREADS="2", **LIBRARY)
     return subprocess.run(command, check=True, text=True, env=environment, stdout=subprocess.PIPE,
                           stderr=subprocess.DEVNULL, **options).stdout
 
@@ -68,9 +69,13 @@ def main():
     arguments.add_argument("--textbook", action="store_true", help="also points first, sparse, 600 frames (minutes)")
     arguments.add_argument("--fleet", action="store_true", help="also 20 vehicles in 900 frames")
     arguments.add_argument("--bal", nargs="*", default=[], type=Path)
+    arguments.add_argument("--ceres", type=Path, help="folder of another libceres.so than the system's")
     arguments = arguments.parse_args()
+    if arguments.ceres:
+        LIBRARY["LD_LIBRARY_PATH"] = str(arguments.ceres)
     WORK.mkdir(parents=True, exist_ok=True)
-    subprocess.run(["cargo", "build", "--release", "--examples", "--bins"], cwd=ROOT, check=True)
+    command = ["cargo", "build", "--release", "--no-default-features", "--examples", "--bins"]
+    subprocess.run(command, cwd=ROOT, check=True)
     sources = ROOT / "benches/peers"
     for program in ["ceres_bal", "ceres_mv"]:
         if not (WORK / program).exists():

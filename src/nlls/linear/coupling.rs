@@ -124,72 +124,80 @@ impl Coupling {
 
     /// `out += W^T x` for every column of `x`.
     pub fn add_transposed_times(&self, x: &DMatrix<f64>, out: &mut DMatrix<f64>) {
-        struct Work<'a>(&'a Coupling, Range<usize>, &'a [f64], &'a mut [f64]);
+        struct Work<'a>(&'a Coupling, Range<usize>, &'a DMatrix<f64>, &'a mut DMatrix<f64>);
         impl WithSimd for Work<'_> {
             type Output = ();
             #[inline(always)]
             fn with_simd<S: Simd>(self, _: S) {
                 let Work(coupling, poses, x, out) = self;
+                let (n, rows) = (x.nrows(), coupling.pattern.rows);
+                // The blocks of a pose stay at hand for all columns.
                 for pose in poses {
-                    let x = &x.as_chunks::<POSE>().0[pose];
-                    for (at, block) in coupling.seen(pose) {
-                        let out = &mut out[at..at + POINT];
-                        for i in 0..POINT {
-                            out[i] += (block[i][0] * x[0] + block[i][1] * x[1])
-                                + (block[i][2] * x[2] + block[i][3] * x[3])
-                                + (block[i][4] * x[4] + block[i][5] * x[5]);
+                    for (x, out) in
+                        x.as_slice().chunks_exact(n).zip(out.as_mut_slice().chunks_exact_mut(rows))
+                    {
+                        let x = &x.as_chunks::<POSE>().0[pose];
+                        for (at, block) in coupling.seen(pose) {
+                            let out = &mut out[at..at + POINT];
+                            for i in 0..POINT {
+                                out[i] += (block[i][0] * x[0] + block[i][1] * x[1])
+                                    + (block[i][2] * x[2] + block[i][3] * x[3])
+                                    + (block[i][4] * x[4] + block[i][5] * x[5]);
+                            }
                         }
                     }
                 }
             }
         }
-        let rows = self.pattern.rows;
-        for (x, mut out) in x.column_iter().zip(out.column_iter_mut()) {
-            let (x, out) = (x.as_slice(), out.as_mut_slice());
-            // The same sums for any number of threads.
-            let of_task = |task: &Range<usize>| {
-                let mut part = vec![0.0; rows];
-                Arch::new().dispatch(Work(self, task.clone(), x, &mut part));
-                part
-            };
-            let parts: Vec<Vec<f64>> = self.pattern.tasks.par_iter().map(of_task).collect();
-            for part in parts {
-                out.iter_mut().zip(part).for_each(|(out, part)| *out += part);
-            }
+        if self.blocks.is_empty() {
+            return;
         }
+        // The same sums for any number of threads.
+        let of_task = |task: &Range<usize>| {
+            let mut part = DMatrix::zeros(out.nrows(), out.ncols());
+            Arch::new().dispatch(Work(self, task.clone(), x, &mut part));
+            part
+        };
+        let parts: Vec<DMatrix<f64>> = self.pattern.tasks.par_iter().map(of_task).collect();
+        parts.iter().for_each(|part| *out += part);
     }
 
     /// `W s` for every column of `s`.
     pub fn times(&self, s: &DMatrix<f64>) -> DMatrix<f64> {
-        struct Work<'a>(&'a Coupling, usize, &'a [f64], &'a mut [f64]);
+        struct Work<'a>(&'a Coupling, Range<usize>, &'a DMatrix<f64>, &'a mut DMatrix<f64>);
         impl WithSimd for Work<'_> {
             type Output = ();
             #[inline(always)]
             fn with_simd<S: Simd>(self, _: S) {
-                let Work(coupling, first, s, out) = self;
-                for (pose, out) in (first..).zip(out.as_chunks_mut::<POSE>().0) {
-                    let mut sum = [0.0; POSE];
-                    for (at, block) in coupling.seen(pose) {
-                        let s = &s[at..at + POINT];
-                        for k in 0..POSE {
-                            sum[k] += (block[0][k] * s[0] + block[1][k] * s[1]) + block[2][k] * s[2];
+                let Work(coupling, poses, s, out) = self;
+                let (n, rows) = (out.nrows(), s.nrows());
+                for (place, pose) in poses.enumerate() {
+                    let sides = s.as_slice().chunks_exact(rows).zip(out.as_mut_slice().chunks_exact_mut(n));
+                    for (s, out) in sides {
+                        let mut sum = [0.0; POSE];
+                        for (at, block) in coupling.seen(pose) {
+                            let s = &s[at..at + POINT];
+                            for k in 0..POSE {
+                                sum[k] += (block[0][k] * s[0] + block[1][k] * s[1]) + block[2][k] * s[2];
+                            }
                         }
+                        out.as_chunks_mut::<POSE>().0[place] = sum;
                     }
-                    *out = sum;
                 }
             }
         }
         let mut out = DMatrix::zeros(POSE * self.pattern.poses(), s.ncols());
-        for (s, mut out) in s.column_iter().zip(out.column_iter_mut()) {
-            let mut left = out.as_mut_slice();
-            let mut tasks = Vec::with_capacity(self.pattern.tasks.len());
-            for task in &self.pattern.tasks {
-                tasks.push((task.start, left.split_off_mut(..POSE * task.len()).expect("six a pose")));
-            }
-            let s = s.as_slice();
-            tasks.into_par_iter().for_each(|(first, out)| {
-                Arch::new().dispatch(Work(self, first, s, out));
-            });
+        if self.blocks.is_empty() {
+            return out;
+        }
+        let of_task = |task: &Range<usize>| {
+            let mut part = DMatrix::zeros(POSE * task.len(), s.ncols());
+            Arch::new().dispatch(Work(self, task.clone(), s, &mut part));
+            (task.start, part)
+        };
+        let parts: Vec<(usize, DMatrix<f64>)> = self.pattern.tasks.par_iter().map(of_task).collect();
+        for (first, part) in parts {
+            out.rows_mut(POSE * first, part.nrows()).copy_from(&part);
         }
         out
     }
