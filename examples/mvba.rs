@@ -153,7 +153,9 @@ impl Problem {
         })
     }
 
-    fn system(&self, arguments: &Arguments) -> (System, [Vec<BlockId>; 3]) {
+    /// The system with the image points, which are no longer needed afterwards.
+    fn system(&mut self, arguments: &Arguments) -> (System, [Vec<BlockId>; 3]) {
+        let observations = std::mem::take(&mut self.observations);
         let mut builder = SystemBuilder::default();
         let mut add = |poses: &[Pose]| -> Vec<BlockId> {
             poses.iter().map(|p| builder.add_block(Manifold::Pose, &write_pose(p), &[true; 6])).collect()
@@ -164,13 +166,13 @@ impl Problem {
             .iter()
             .map(|p| builder.add_block(Manifold::POINT, p.coords.as_slice(), &[true; 3]))
             .collect();
-        let image = |(frame, point, pixel): &(usize, usize, Vector2<f64>)| Measurement {
-            residual: VehicleImagePoint { camera: self.camera.clone(), observed_px: *pixel },
-            blocks: [cameras[*frame], vehicles[*frame], points[*point]],
+        let image = |(frame, point, pixel): (usize, usize, Vector2<f64>)| Measurement {
+            residual: VehicleImagePoint { camera: self.camera.clone(), observed_px: pixel },
+            blocks: [cameras[frame], vehicles[frame], points[point]],
             sigma: [1.0; 2],
         };
         let loss = arguments.loss.with_scale(arguments.loss_scale, DEFAULT_SHAPE);
-        let images = builder.add_group("image points", loss, self.observations.iter().map(image).collect());
+        let images = builder.add_group("image points", loss, observations.into_iter().map(image).collect());
         let sigma = |[t, r]: [f64; 2]| [t, t, t, r, r, r];
         for (poses, blocks, sigmas) in
             [(&self.cameras, &cameras, self.sigmas[0]), (&self.vehicles, &vehicles, self.sigmas[1])]
@@ -235,7 +237,7 @@ fn solved(system: &System, values: &Values, blocks: &[Vec<BlockId>; 3]) -> Strin
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
     arguments.run.set_threads()?;
-    let problem = run::read(&arguments.file, Problem::read)?;
+    let mut problem = run::read(&arguments.file, Problem::read)?;
     let (system, blocks, minimum) = arguments.run.solve(|| problem.system(&arguments))?;
     let points: Vec<Point3<f64>> =
         blocks[2].iter().map(|block| read_point(system.value(&minimum.values, *block))).collect();
@@ -291,12 +293,11 @@ mod tests {
             (0..4).for_each(|_| text += "1 0 0 0 0 0 0\n");
         }
         points.iter().for_each(|[x, y, z]| text += &format!("{x} {y} {z}\n"));
-        let problem = Problem::read(&text).unwrap();
         let ends = ["frames", "points"].map(|elimination| {
             let to_the_end = ["--function-tolerance", "1e-13", "--max-iterations", "200"];
             let arguments = ["mvba", "file", "--elimination", elimination].into_iter().chain(to_the_end);
             let arguments = Arguments::parse_from(arguments);
-            let (system, blocks) = problem.system(&arguments);
+            let (system, blocks) = Problem::read(&text).unwrap().system(&arguments);
             assert_eq!(system.has_frames(), elimination == "frames");
             let minimum = Minimiser::new(&system).unwrap().run(
                 &system,
