@@ -22,6 +22,9 @@ use rayon::prelude::*;
 /// Fewer points than this near the other cloud are no overlap.
 const FEWEST: usize = 20;
 
+/// Where less of the moving cloud belongs to the fixed one, another start is tried.
+const LITTLE_OVERLAP: f64 = 0.3;
+
 /// The first guess: half of the points belong, with this standard deviation \[m\].
 const FIRST_SIGMA_M: f64 = 0.08;
 
@@ -231,6 +234,31 @@ fn middle(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
     (centre, size_m.max(1e-6))
 }
 
+/// The same from `start` and, where little belongs there, from where the middles of both clouds are together,
+/// horizontally or altogether; that of which most belongs. (Frames of bodies that nothing else fixes can be farther
+/// from that of a scan than a registration comes.)
+pub fn register_from_afar(
+    moving: &[Point3<f64>],
+    fixed: &CloudIndex,
+    start: &Pose,
+    options: &RegisterOptions,
+) -> Result<Registration, RegisterError> {
+    let mut best = register(moving, fixed, start, options);
+    let overlap =
+        |found: &Result<Registration, RegisterError>| found.as_ref().map_or(0.0, |found| found.overlap);
+    if overlap(&best) < LITTLE_OVERLAP && !moving.is_empty() {
+        let moved: Vec<Point3<f64>> = moving.iter().map(|p| start * p).collect();
+        let apart = middle(fixed.points()).0 - middle(&moved).0;
+        for shift in [Vector3::new(apart.x, apart.y, 0.0), apart] {
+            let found = register(moving, fixed, &(Translation3::from(shift) * start), options);
+            if overlap(&found) > overlap(&best) {
+                best = found;
+            }
+        }
+    }
+    best
+}
+
 /// Brings `moving` onto `fixed`, from the pose `start`. The result is the same for any number of threads.
 pub fn register(
     moving: &[Point3<f64>],
@@ -426,6 +454,24 @@ mod tests {
     fn left(found: &Registration, displaced: &Pose, about: &Point3<f64>) -> [f64; 2] {
         let left = found.fixed_from_moving * displaced;
         [(left * about - about).norm(), left.rotation.angle().to_degrees()]
+    }
+
+    #[test]
+    fn a_frame_that_is_far_off_is_found_from_the_middle() {
+        // Some points of a body, in a frame that is elsewhere.
+        let scan = scan();
+        let about = mean(&scan);
+        let mut draws = Draws::new(3);
+        let turn = rotation::exp(&Vector3::new(0.0, 0.0, 0.02));
+        let displaced = Pose::from_parts(Translation3::new(-6.0, 5.0, 0.02), turn);
+        let moving: Vec<Point3<f64>> =
+            scan.iter().filter(|_| draws.uniform() < 0.3).map(|p| displaced * p).collect();
+        let index = CloudIndex::new(scan).unwrap();
+        let options = RegisterOptions::default();
+        assert!(register(&moving, &index, &Pose::identity(), &options).is_err());
+        let found = register_from_afar(&moving, &index, &Pose::identity(), &options).unwrap();
+        let [shift_m, turn_deg] = left(&found, &displaced, &about);
+        assert!(shift_m < 1e-3 && turn_deg < 0.02, "{shift_m} {turn_deg}");
     }
 
     #[derive(Clone, Copy, PartialEq)]

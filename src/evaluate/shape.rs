@@ -6,7 +6,7 @@
 use super::EvaluateOptions;
 use crate::cloud::mesh::{Enclosure, MeshIndex};
 use crate::cloud::plane::{NEIGHBOURS, plane_distances};
-use crate::cloud::register::{RegisterOptions, register};
+use crate::cloud::register::{RegisterOptions, register_from_afar};
 use crate::cloud::statistics::precision_weight;
 use crate::cloud::truth::{FittedErrors, PointErrors, point_errors};
 use crate::cloud::{CloudIndex, DistanceStatistics, distances};
@@ -284,7 +284,7 @@ fn registered(
         }
         Registering::Icp => {
             let start = given.unwrap_or_else(Pose::identity);
-            let found = register(places, index, &start, &RegisterOptions::default()).map_err(|error| {
+            let found = register_from_afar(places, index, &start, &RegisterOptions::default()).map_err(|error| {
                 format!("its shape does not come onto the scan: {error} (a start can be given: reference/{vehicle}.matrix.txt)")
             })?;
             let motion = found.fixed_from_moving;
