@@ -16,14 +16,14 @@ use trackbundle::camera::{Camera, Lens};
 use trackbundle::geometry::align::rigid_fit;
 use trackbundle::geometry::rotation::{log, right_jacobian_inverse};
 use trackbundle::geometry::{Pose, pose, skew};
-use trackbundle::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
-use trackbundle::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
-use trackbundle::nlls::residual::{Jacobian, Residual};
-use trackbundle::nlls::system::{BlockId, Measurement, System, SystemBuilder, TimeStep, Values};
 use trackbundle::residuals::pose_prior::PosePrior;
 use trackbundle::residuals::vehicle_image_point::VehicleImagePoint;
+use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose, write_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
+use trackbundle_solver::system::{BlockId, Measurement, System, SystemBuilder, TimeStep, Values};
 
-#[path = "support/run.rs"]
+#[path = "../solver/examples/support/run.rs"]
 mod run;
 
 /// Adjusts a moving vehicle under one camera.
@@ -255,8 +255,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use trackbundle::nlls::minimise::Minimiser;
-    use trackbundle::nlls::residual::worst_jacobian_entry;
+    use trackbundle_solver::minimise::Minimiser;
+    use trackbundle_solver::residual::worst_jacobian_entry;
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {

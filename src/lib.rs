@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! problem folder -> files -> Problem -> initialise -> Estimate -> refine -> Estimate + Adjustment -> report
-//!                                                                   nlls                          -> scene
+//!                                                                   solver                        -> scene
 //! reference + result folder -> evaluate -> report
 //! ```
 //!
@@ -18,7 +18,6 @@ pub mod tables;
 pub mod camera;
 pub mod clock;
 pub mod cloud;
-pub mod nlls;
 pub mod terrain;
 
 pub mod problem;

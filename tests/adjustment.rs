@@ -9,10 +9,10 @@ use trackbundle::estimate::Estimate;
 use trackbundle::files::read_problem;
 use trackbundle::geometry::{Pose, align::rigid_fit, rotation::exp};
 use trackbundle::initialise::{Method, initialise};
-use trackbundle::nlls::loss::LossName;
 use trackbundle::problem::Problem;
 use trackbundle::refine::{Adjustment, MotionPriors, RefineOptions, refine};
 use trackbundle::terrain::{Grid, Terrain};
+use trackbundle_solver::loss::LossName;
 
 fn problem(drive: &Drive) -> (Problem, Truth) {
     let folder = tempfile::tempdir().unwrap();

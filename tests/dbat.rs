@@ -16,11 +16,11 @@ use support::photogrammetry::{
     ControlPoint, Exterior, INTERIOR, ImagePoint, Statistics, deviations, exterior_jacobian, exterior_of,
     intersection, pose_of, wrapped,
 };
-use trackbundle::nlls::loss::Loss;
-use trackbundle::nlls::manifold::{Manifold, read_pose, write_pose};
-use trackbundle::nlls::minimise::{Minimiser, MinimiserOptions};
-use trackbundle::nlls::residual::worst_jacobian_entry;
-use trackbundle::nlls::system::{BlockId, Measurement, System, SystemBuilder, Values};
+use trackbundle_solver::loss::Loss;
+use trackbundle_solver::manifold::{Manifold, read_pose, write_pose};
+use trackbundle_solver::minimise::{Minimiser, MinimiserOptions};
+use trackbundle_solver::residual::worst_jacobian_entry;
+use trackbundle_solver::system::{BlockId, Measurement, System, SystemBuilder, Values};
 
 fn read(file: &str) -> String {
     let path = in_package("tests/data/dbat").join(file);

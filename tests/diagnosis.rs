@@ -8,9 +8,9 @@ use support::drive::Drive;
 use trackbundle::diagnose::{Diagnosis, Trust, Verdict, diagnose};
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
-use trackbundle::nlls::system::{GroupId, Values};
 use trackbundle::problem::Problem;
 use trackbundle::refine::{Adjusted, Arrangement, MotionPriors, Network, RefineOptions, Source, adjust};
+use trackbundle_solver::system::{GroupId, Values};
 
 fn problem(drive: &Drive) -> Problem {
     let folder = tempfile::tempdir().unwrap();

@@ -17,10 +17,10 @@ use trackbundle::diagnose::{Diagnosis, diagnose};
 use trackbundle::estimate::Estimate;
 use trackbundle::geometry::align::rigid_fit;
 use trackbundle::geometry::skew;
-use trackbundle::nlls::covariance::Covariance;
-use trackbundle::nlls::loss::LossName;
 use trackbundle::problem::Problem;
 use trackbundle::refine::{Adjusted, Network, RefineOptions, Source, adjust};
+use trackbundle_solver::covariance::Covariance;
+use trackbundle_solver::loss::LossName;
 
 /// What one repetition says: squared standardised errors, each of one function of the unknowns.
 struct Repetition {
@@ -57,7 +57,7 @@ struct Function<'a> {
 }
 
 impl Function<'_> {
-    fn add(&mut self, block: Option<trackbundle::nlls::system::BlockId>, part: &[f64]) {
+    fn add(&mut self, block: Option<trackbundle_solver::system::BlockId>, part: &[f64]) {
         let range = block.and_then(|block| self.network.model.system.range_of(block)).expect("free");
         self.gradient[range].iter_mut().zip(part).for_each(|(g, p)| *g += p);
     }

@@ -6,13 +6,13 @@ use super::output::{counted, describe_resection, grouped, print};
 use super::session::Session;
 use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
-use crate::nlls::loss::Loss;
 use crate::refine::{Excluded, Fits};
 use crate::report::{Report, left_out, report_of_initial, result_tables, start_residuals_table};
 use crate::scene;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Instant;
+use trackbundle_solver::loss::Loss;
 
 /// Arguments of the command.
 #[derive(Debug, Args)]

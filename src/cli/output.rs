@@ -2,10 +2,10 @@
 
 use super::Failure;
 use crate::initialise::Resection;
-use crate::nlls::minimise::IterationRecord;
 use crate::refine::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{ErrorKind, IsTerminal, Write};
+use trackbundle_solver::minimise::IterationRecord;
 
 /// Prints to standard output. A reader that has gone away is no error.
 pub fn print(text: &str) -> Result<(), Failure> {

@@ -13,7 +13,6 @@ use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
 use crate::evaluate::EvaluateOptions;
 use crate::files::InputFile;
 use crate::initialise::{Method, initialise};
-use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
 use crate::problem::Problem;
 use crate::reference::Reference;
 use crate::refine::{
@@ -29,6 +28,7 @@ use crate::scene;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
 
 /// Arguments of the command.
 #[derive(Debug, Args)]

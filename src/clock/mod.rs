@@ -14,13 +14,13 @@ pub mod quantile;
 #[cfg(test)]
 pub(crate) mod tests;
 
-use crate::nlls::loss::{Loss, LossName, robust_spread};
 use argmin::core::{CostFunction, Error, Executor};
 use argmin::solver::brent::BrentOpt;
 use curve::Curve;
 use nalgebra::Vector2;
 use precision::{Precision, precision};
 use quantile::median;
+use trackbundle_solver::loss::{Loss, LossName, robust_spread};
 
 /// Offsets are sought up to this, on either side \[s\].
 pub const FARTHEST_S: f64 = 10.0;

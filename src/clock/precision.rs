@@ -24,8 +24,8 @@
 
 use super::curve::Curve;
 use super::{Sample, Shift};
-use crate::nlls::loss::Loss;
 use nalgebra::{Matrix2, Vector2};
+use trackbundle_solver::loss::Loss;
 
 /// Velocities are those of lines fitted to the time within this \[s\], or within two steps of the reference.
 const HALF_WINDOW_S: f64 = 0.5;

@@ -11,14 +11,14 @@
 
 use super::distribution::chi_square_exceeded;
 use crate::estimate::Estimate;
-use crate::nlls::covariance::Covariance;
-use crate::nlls::manifold::write_pose;
-use crate::nlls::residual::{Jacobian, Residual};
 use crate::problem::Problem;
 use crate::refine::{CheckPoint, Network};
 use crate::residuals::target_image_point::TargetImagePoint;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::sync::Arc;
+use trackbundle_solver::covariance::Covariance;
+use trackbundle_solver::manifold::write_pose;
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// How well a check point agrees.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -16,12 +16,12 @@ use super::precision::{Precision, precision};
 use super::scale;
 use crate::estimate::Estimate;
 use crate::geometry::skew;
-use crate::nlls::covariance::{Covariance, NoCovariance};
-use crate::nlls::system::BlockId;
 use crate::problem::Problem;
 use crate::refine::{Network, Source, frame_step};
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use rayon::prelude::*;
+use trackbundle_solver::covariance::{Covariance, NoCovariance};
+use trackbundle_solver::system::BlockId;
 
 /// Places of a track, and points of a shape, at which shares are taken.
 const PLACES: usize = 12;

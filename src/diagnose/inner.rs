@@ -13,11 +13,11 @@
 //! is known. Where they are most of it, the quantity is not determined, and its standard deviation is
 //! infinite. That of a scale reaches everything along its direction `z = Q a`, of variance `a^T z`.
 
-use crate::nlls::covariance::Covariance;
-use crate::nlls::system::BlockId;
 use crate::refine::{BodyFrame, Network, Source, point_motion, pose_motion};
 use nalgebra::{DMatrix, DVector, Vector6};
 use std::collections::BTreeMap;
+use trackbundle_solver::covariance::Covariance;
+use trackbundle_solver::system::BlockId;
 
 /// The share of a variance that comes from conventions from which a quantity is not determined.
 pub const UNDETERMINED: f64 = 0.5;

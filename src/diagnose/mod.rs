@@ -25,11 +25,11 @@ pub use statistics::{Component, Reliability, Statistics, VarianceTest};
 pub use verdict::{Trust, Verdict};
 
 use crate::estimate::{Estimate, VehicleEstimate};
-use crate::nlls::covariance::{Covariance, NoCovariance};
 use crate::problem::{Problem, Vehicle};
 use crate::refine::{Adjusted, CheckPoint, Network, Source, alone};
 use inner::{Inner, UNDETERMINED};
 use observability::{Observability, observability};
+use trackbundle_solver::covariance::{Covariance, NoCovariance};
 
 /// The most image points whose rows are examined for what they leave open: some kilobytes each.
 const MOST_EXAMINED: usize = 300_000;

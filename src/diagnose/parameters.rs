@@ -14,11 +14,11 @@
 use super::inner::UNDETERMINED;
 use super::scale::{share, track_shift};
 use crate::estimate::{Estimate, USUAL_AXLE};
-use crate::nlls::covariance::Covariance;
-use crate::nlls::system::BlockId;
 use crate::problem::{Freedom, Problem};
 use crate::refine::{Network, Source};
 use nalgebra::DMatrix;
+use trackbundle_solver::covariance::Covariance;
+use trackbundle_solver::system::BlockId;
 
 /// Correlations beyond this are worth a word.
 pub const CORRELATED: f64 = 0.95;

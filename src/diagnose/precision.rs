@@ -4,11 +4,11 @@ use super::inner::{Inner, Joint, Piece};
 use super::moment::{Function, Moment, direction};
 use crate::estimate::{Estimate, TrackPoint};
 use crate::geometry::{Pose, skew};
-use crate::nlls::system::BlockId;
 use crate::problem::{PoseSigma, Problem};
 use crate::trajectory::Trajectory;
 use nalgebra::{DVector, Point3, Vector3};
 use rayon::prelude::*;
+use trackbundle_solver::system::BlockId;
 
 /// Standard deviations of a pose: of its position along the axes of the world \[m\], of its attitude about
 /// the axes of the body \[rad\].

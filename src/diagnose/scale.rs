@@ -18,9 +18,9 @@
 
 use super::inner::UNDETERMINED;
 use crate::estimate::Estimate;
-use crate::nlls::covariance::{Covariance, Undamped};
 use crate::refine::{Network, Source};
 use nalgebra::{DMatrix, Point3, Vector3};
+use trackbundle_solver::covariance::{Covariance, Undamped};
 
 /// By what the standard deviations of a source are multiplied that is left out.
 const LEFT_OUT: f64 = 1e5;

@@ -15,10 +15,10 @@
 //! to be of another quality, those that were estimated.
 
 use super::distribution::{chi_square_exceeded, chi_square_quantile};
-use crate::nlls::covariance::Covariance;
-use crate::nlls::system::GroupId;
 use crate::problem::Problem;
 use crate::refine::{Adjustment, Network, Source};
+use trackbundle_solver::covariance::Covariance;
+use trackbundle_solver::system::GroupId;
 
 /// Non-centrality at which a test of level 0.1 % finds an error in 80 % of cases.
 pub const NON_CENTRALITY: f64 = 4.13;

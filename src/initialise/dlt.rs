@@ -14,10 +14,10 @@
 //! `(x A3 - A1) M = b1 - x b3`, `(y A3 - A2) M = b2 - y b3`.
 
 use crate::geometry::Pose;
-use crate::nlls::loss::LossName;
 use crate::problem::Known;
 use crate::residuals::inside_body::BODY_MIDDLE_M;
 use nalgebra::{Dyn, Matrix3, OMatrix, OVector, Point3, U3, Vector2, Vector3};
+use trackbundle_solver::loss::LossName;
 
 /// Smallest ratio of singular values at which the rays are said to meet.
 const LEAST_RATIO: f64 = 1e-7;

@@ -13,8 +13,8 @@
 
 use super::forward::Foot;
 use super::rigid_motion::{Chain, PlanePose};
-use crate::nlls::loss::LossName;
 use nalgebra::{Matrix2x3, Matrix3, Rotation2, Vector2, Vector3};
+use trackbundle_solver::loss::LossName;
 
 /// How much heights of points scatter about their mean \[m\].
 const HEIGHT_SCATTER_M: f64 = 0.6;

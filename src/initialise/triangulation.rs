@@ -14,11 +14,11 @@
 //! normal matrix at the end, from the standard deviations of the rays as stated.
 
 use super::dlt::{LinearPoint, Sighting};
-use crate::nlls::loss::{Loss, LossName, robust_spread};
 use crate::problem::Known;
 use nalgebra::{Matrix2x3, Matrix3, Point3, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use trackbundle_solver::loss::{Loss, LossName, robust_spread};
 
 /// A point whose depth is worse known than this share of its distance is said to have none: the camera
 /// hardly moves, and the point would drift along its ray.

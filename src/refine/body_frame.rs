@@ -28,9 +28,9 @@
 use super::model::{Model, Source};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
-use crate::nlls::system::{BlockId, OwnNormals, Values};
 use crate::problem::Problem;
 use nalgebra::{DMatrix, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
+use trackbundle_solver::system::{BlockId, OwnNormals, Values};
 
 /// A direction of a body's frame that is held less well than this is open: root mean square over the points
 /// \[m\].

@@ -15,10 +15,10 @@ use super::model::{Model, Purpose};
 use super::outcome::Fits;
 use super::{BodyFrame, NoSolution, RefineOptions};
 use crate::estimate::Estimate;
-use crate::nlls::covariance::Undamped;
-use crate::nlls::system::BlockId;
 use crate::problem::{Freedom, Problem};
 use nalgebra::DMatrix;
+use trackbundle_solver::covariance::Undamped;
+use trackbundle_solver::system::BlockId;
 
 /// Critical value at a level of 0.1 %.
 pub const CRITICAL: f64 = 3.29;

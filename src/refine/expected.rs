@@ -6,8 +6,8 @@ use super::motion::MotionPriors;
 use super::outcome::Fits;
 use super::{Arrangement, Network, RefineOptions, body_frames};
 use crate::estimate::Estimate;
-use crate::nlls::loss::Loss;
 use crate::problem::Problem;
+use trackbundle_solver::loss::Loss;
 
 /// The network of a problem at its `truth`, and the truth with the motion that it has. All image points are good
 /// ones; motion that is to be estimated is as strong as the true poses scatter. What is measured does not matter, but

@@ -2,8 +2,6 @@
 
 use super::model::{Blocks, Purpose};
 use crate::estimate::{Estimate, Imaging, RowMotion};
-use crate::nlls::loss::Loss;
-use crate::nlls::system::{BlockId, GroupId, Measurement, SystemBuilder};
 use crate::problem::{Freedom, Problem};
 use crate::residuals::known_coordinate::KnownNumber;
 use crate::residuals::row_image_point::{AtRow, RowTargetImagePoint, RowVehicleImagePoint};
@@ -11,6 +9,8 @@ use crate::residuals::target_image_point::TargetImagePoint;
 use crate::residuals::vehicle_image_point::VehicleImagePoint;
 use nalgebra::Vector2;
 use std::sync::Arc;
+use trackbundle_solver::loss::Loss;
+use trackbundle_solver::system::{BlockId, GroupId, Measurement, SystemBuilder};
 
 /// Groups of image points and which observations are in them.
 pub struct Images {

@@ -42,16 +42,16 @@ pub use receivers::{antenna, positions_at};
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
 use crate::initialise::start_anew;
-use crate::nlls::covariance::Covariance;
-use crate::nlls::linear::cholesky::TooLarge;
-use crate::nlls::loss::{DEFAULT_SHAPE, Loss, LossName};
-use crate::nlls::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
-pub use crate::nlls::system::Arrangement;
-use crate::nlls::system::Values;
 use crate::problem::Problem;
 use directed_tests::{Held, directed_tests};
 use model::Purpose;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
+use trackbundle_solver::covariance::Covariance;
+use trackbundle_solver::linear::cholesky::TooLarge;
+use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
+use trackbundle_solver::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
+pub use trackbundle_solver::system::Arrangement;
+use trackbundle_solver::system::Values;
 
 /// What a user may choose.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -12,10 +12,6 @@ use super::receivers::{self, ReceiverBlocks, add_receivers};
 use crate::camera::INTERIOR;
 use crate::estimate::{Estimate, ReceiverEstimate, USUAL_AXLE, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::nlls::loss::{Loss, robust_spread_of_many};
-use crate::nlls::manifold::{Manifold, read_point, read_pose, write_pose};
-use crate::nlls::minimise::Minimiser;
-use crate::nlls::system::{BlockId, GroupId, Measurement, System, SystemBuilder, TimeStep, Values};
 use crate::problem::{GroundKnowledge, Known, Problem, Role, Vehicle};
 use crate::residuals::ground_contact::{FirstContact, NextContact};
 use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
@@ -25,6 +21,10 @@ use crate::residuals::pose_prior::PosePrior;
 use crate::residuals::row_image_point::INTERIOR_BLOCK;
 use crate::terrain::{NoGround, Terrain};
 use nalgebra::{Point3, Rotation3, Vector3};
+use trackbundle_solver::loss::{Loss, robust_spread_of_many};
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose, write_pose};
+use trackbundle_solver::minimise::Minimiser;
+use trackbundle_solver::system::{BlockId, GroupId, Measurement, System, SystemBuilder, TimeStep, Values};
 
 /// Least standard deviations of the contact with the ground \[m, rad\]: nothing stands exactly.
 pub const LEAST_CONTACT_SIGMA: (f64, f64) = (1e-4, 1e-5);

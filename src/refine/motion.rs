@@ -14,10 +14,6 @@
 //! random signs (Hutchinson 1990), drawn from a fixed seed.
 
 use super::NoSolution;
-use crate::nlls::loss::Loss;
-use crate::nlls::minimise::Minimiser;
-use crate::nlls::residual::Residual;
-use crate::nlls::system::{Accuracy, BlockId, GroupId, Measurement, System, SystemBuilder, Values};
 use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
 use crate::residuals::scale_free::ScaleFree;
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
@@ -26,6 +22,10 @@ pub use crate::trajectory::{Order, Strengths};
 use nalgebra::Point3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use trackbundle_solver::loss::Loss;
+use trackbundle_solver::minimise::Minimiser;
+use trackbundle_solver::residual::Residual;
+use trackbundle_solver::system::{Accuracy, BlockId, GroupId, Measurement, System, SystemBuilder, Values};
 
 /// How strongly motion is smoothed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -402,10 +402,10 @@ mod tests {
     use super::*;
     use crate::geometry::rotation::exp;
     use crate::geometry::{Pose, pose};
-    use crate::nlls::manifold::{Manifold, write_pose};
-    use crate::nlls::minimise::MinimiserOptions;
     use crate::residuals::pose_prior::PosePrior;
     use nalgebra::{Rotation3, Vector3};
+    use trackbundle_solver::manifold::{Manifold, write_pose};
+    use trackbundle_solver::minimise::MinimiserOptions;
 
     const STEP_S: f64 = 1.0 / 30.0;
     const SIGMAS: [f64; 6] = [0.002, 0.002, 0.002, 2e-4, 2e-4, 2e-4];

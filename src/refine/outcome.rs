@@ -7,11 +7,11 @@ use super::model::Model;
 use super::motion::BodyStrength;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
-use crate::nlls::linear::ordering::Rule;
-use crate::nlls::loss::Loss;
-use crate::nlls::minimise::{IterationRecord, Minimum, Stop};
 use crate::problem::{Problem, Role, Target};
 use nalgebra::{Vector2, Vector3};
+use trackbundle_solver::linear::ordering::Rule;
+use trackbundle_solver::loss::Loss;
+use trackbundle_solver::minimise::{IterationRecord, Minimum, Stop};
 
 /// An image point this many standard deviations off (times the spread of all) is a gross error. Good
 /// ones get there once in half a million; the default loss rejects from here on.
@@ -417,7 +417,7 @@ fn check_points(problem: &Problem, estimate: &Estimate) -> Vec<CheckPoint> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nlls::loss::LossName;
+    use trackbundle_solver::loss::LossName;
 
     #[test]
     fn the_default_loss_rejects_what_counts_as_a_gross_error() {

@@ -9,14 +9,14 @@ use crate::clock::curve::Curve;
 use crate::clock::quantile::median;
 use crate::clock::{ClockOffset, Shift, clock_offset};
 use crate::estimate::{Estimate, ReceiverEstimate};
-use crate::nlls::loss::{Loss, LossName};
-use crate::nlls::manifold::write_pose;
-use crate::nlls::residual::Residual;
-use crate::nlls::system::{BlockId, GroupId, Measurement, SystemBuilder};
 use crate::problem::{Problem, ReceivedPosition, Receiver};
 use crate::residuals::antenna_position::{AntennaPosition, LeverArm, RECEIVER, video_time_s};
 use crate::residuals::known_coordinate::KnownNumber;
 use nalgebra::{Point3, Vector3};
+use trackbundle_solver::loss::{Loss, LossName};
+use trackbundle_solver::manifold::write_pose;
+use trackbundle_solver::residual::Residual;
+use trackbundle_solver::system::{BlockId, GroupId, Measurement, SystemBuilder};
 
 /// Sets clocks of which nothing is known to where the positions lie on the track of an estimate: the cost of
 /// an offset has many minima, and the adjustment finds the next. Where the track does not tell they stay.
@@ -83,7 +83,7 @@ pub fn add_blocks(
         let value = [found.clock_offset_s, found.clock_drift, shift.x, shift.y, shift.z];
         Some(ReceiverBlocks {
             antenna: builder.add_block(
-                crate::nlls::manifold::Manifold::POINT,
+                trackbundle_solver::manifold::Manifold::POINT,
                 antenna.coords.as_slice(),
                 &[true; 3],
             ),

@@ -12,11 +12,11 @@ use super::{Body, RefineOptions};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log};
-use crate::nlls::linear::cholesky::TooLarge;
-use crate::nlls::loss::Loss;
-use crate::nlls::minimise::{Minimiser, MinimiserOptions};
 use crate::problem::{Freedom, PoseSigma, Problem, Shutter};
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
+use trackbundle_solver::linear::cholesky::TooLarge;
+use trackbundle_solver::loss::Loss;
+use trackbundle_solver::minimise::{Minimiser, MinimiserOptions};
 
 /// A body that turns more than this across the line of sight has one depth \[rad\].
 const MOST_TURN: f64 = 0.1;

@@ -11,12 +11,12 @@ use crate::diagnose::{Diagnosis, Verdict};
 use crate::files::InputFile;
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
-use crate::nlls::linear::ordering::Rule;
-use crate::nlls::loss::Loss;
 use crate::problem::Problem;
 use crate::refine::{Adjustment, Body, BodyStrength, Order, Reason, Tally};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use trackbundle_solver::linear::ordering::Rule;
+use trackbundle_solver::loss::Loss;
 
 /// Version of the form of the report.
 pub const SCHEMA: u32 = 1;

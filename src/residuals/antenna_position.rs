@@ -14,9 +14,9 @@
 //! micrometres. The antenna `a` is tied to a shape point by the lever arm: `r = a - M - arm`.
 
 use crate::geometry::skew;
-use crate::nlls::manifold::{Manifold, read_point, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Matrix3, Point3, Vector3};
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Clock offset \[s\], drift \[s/s\], shift \[m\].
 pub const RECEIVER: Manifold = Manifold::Vector(5);
@@ -107,7 +107,7 @@ impl Residual<3, 2> for LeverArm {
 mod tests {
     use super::super::testing::{assert_jacobian, vehicle_poses};
     use super::*;
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {

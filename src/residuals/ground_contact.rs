@@ -17,10 +17,10 @@
 //! A pose outside a terrain grid, or where it has no data, has no residual.
 
 use crate::geometry::Pose;
-use crate::nlls::manifold::{Manifold, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use crate::terrain::Terrain;
 use nalgebra::{Matrix3x6, Vector3};
+use trackbundle_solver::manifold::{Manifold, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// First contact of a vehicle. Blocks: its pose, the bias of the terrain \[m\].
 #[derive(Clone, Debug, PartialEq)]
@@ -103,8 +103,8 @@ impl Residual<3, 3> for NextContact {
 mod tests {
     use super::super::testing::{assert_jacobian, vehicle_poses};
     use super::*;
-    use crate::nlls::manifold::write_pose;
     use crate::terrain::tests::hills;
+    use trackbundle_solver::manifold::write_pose;
 
     const LEVEL: Terrain = Terrain::Plane { z_m: 0.7 };
 

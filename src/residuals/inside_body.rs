@@ -8,9 +8,9 @@
 //! along to anywhere on its ray, behind the camera too. The box is larger than any road vehicle, so
 //! that it holds back no point that is determined.
 
-use crate::nlls::manifold::Manifold;
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Matrix3, Vector3};
+use trackbundle_solver::manifold::Manifold;
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// The box, in the vehicle frame \[m\]: room for the longest road train, wherever in it the origin is.
 pub const BODY_BOX_M: [[f64; 2]; 3] = [[-20.0, 20.0], [-5.0, 5.0], [-1.0, 6.0]];

@@ -16,9 +16,9 @@
 
 use super::twist::{MeanRate, combined};
 use crate::geometry::Pose;
-use crate::nlls::manifold::{Manifold, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::Vector3;
+use trackbundle_solver::manifold::{Manifold, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// The times between four neighbouring frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,7 +108,7 @@ mod tests {
     use super::super::testing::{assert_jacobian, steady_curve, vehicle_poses};
     use super::*;
     use crate::geometry::{pose, rotation::exp};
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     const STEPS: FourSteps = FourSteps { first_s: 0.7, second_s: 1.1, third_s: 0.9 };
     const TIMES: [f64; 4] = [0.0, 0.7, 1.8, 2.7];

@@ -8,9 +8,9 @@
 //! the highest point in the vehicle frame, whose z is the height of the body above the ground, and of
 //! the bias of the terrain, whose known value is zero.
 
-use crate::nlls::manifold::Manifold;
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{RowVector1, RowVector3, Vector1};
+use trackbundle_solver::manifold::Manifold;
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Block: a point.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -14,7 +14,7 @@
 //! | ... in distances from the camera | [`scale_free`] |
 //! | rolling of a vehicle's rear axle | [`no_side_slip`] |
 //!
-//! Poses are `world_from_body` and perturbed as [`crate::nlls::manifold`] says.
+//! Poses are `world_from_body` and perturbed as [`trackbundle_solver::manifold`] says.
 
 pub mod antenna_position;
 pub mod ground_contact;
@@ -35,9 +35,9 @@ mod testing {
     //! States at which Jacobians are checked.
 
     use crate::geometry::{Pose, pose, se3};
-    use crate::nlls::manifold::write_pose;
-    use crate::nlls::residual::{Residual, worst_jacobian_entry};
     use nalgebra::Vector6;
+    use trackbundle_solver::manifold::write_pose;
+    use trackbundle_solver::residual::{Residual, worst_jacobian_entry};
 
     /// Cameras 60 m above the ground that look down, along the road and askew.
     pub fn camera_poses() -> [Pose; 3] {

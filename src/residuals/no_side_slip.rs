@@ -12,9 +12,9 @@
 //! slip of the rear tyre.
 
 use super::twist::MeanRate;
-use crate::nlls::manifold::{Manifold, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Vector1, Vector2};
+use trackbundle_solver::manifold::{Manifold, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Blocks: the pose of a vehicle, its next pose, `[a, beta]` \[m, rad\].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,8 +48,8 @@ mod tests {
     use super::super::testing::{assert_jacobian, vehicle_poses};
     use super::*;
     use crate::geometry::{Pose, pose, rotation::exp};
-    use crate::nlls::manifold::write_pose;
     use nalgebra::Vector3;
+    use trackbundle_solver::manifold::write_pose;
 
     const RESIDUAL: NoSideSlip = NoSideSlip { step_s: 0.4 };
 

@@ -7,9 +7,9 @@
 //! the position along the columns of `A`, the attitude about the axes of the body.
 
 use crate::geometry::Pose;
-use crate::nlls::manifold::{Manifold, pose_minus, pose_minus_jacobian, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Matrix6, Rotation3, Vector6};
+use trackbundle_solver::manifold::{Manifold, pose_minus, pose_minus_jacobian, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Block: a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,7 +38,7 @@ impl Residual<6, 1> for PosePrior {
 mod tests {
     use super::super::testing::{assert_jacobian, camera_poses, vehicle_poses};
     use super::*;
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {

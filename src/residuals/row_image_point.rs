@@ -19,10 +19,10 @@
 
 use crate::camera::{Camera, INTERIOR};
 use crate::geometry::{Pose, se3, skew};
-use crate::nlls::manifold::{Manifold, read_point, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Matrix2x3, SMatrix, Vector2, Vector3, Vector6};
 use std::sync::Arc;
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Where an interior orientation lives.
 pub const INTERIOR_BLOCK: Manifold = Manifold::Vector(INTERIOR);
@@ -144,7 +144,7 @@ mod tests {
     use super::super::vehicle_image_point::VehicleImagePoint;
     use super::*;
     use crate::camera::tests::cameras;
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     const TWIST: [f64; 6] = [9.0, -4.0, 0.5, 0.02, -0.3, 0.4];
 

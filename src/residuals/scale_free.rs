@@ -11,9 +11,9 @@
 //! unknowns together are not those of one of them). Counted in distances from the camera, accelerations do not
 //! change with the scale, and there is nothing to gain.
 
-use crate::nlls::manifold::{Manifold, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Point3, SVector, Vector3};
+use trackbundle_solver::manifold::{Manifold, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Blocks: poses, the second of which is where the motion is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +48,7 @@ mod tests {
     use super::super::smooth_motion::{Acceleration, Steps};
     use super::super::testing::{assert_jacobian, vehicle_poses};
     use super::*;
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     const MOTION: Acceleration = Acceleration(Steps { first_s: 0.7, second_s: 1.1 });
 

@@ -11,9 +11,9 @@
 
 use super::twist::{MeanRate, combined};
 use crate::geometry::Pose;
-use crate::nlls::manifold::{Manifold, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::Vector3;
+use trackbundle_solver::manifold::{Manifold, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// The times between three neighbouring frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,7 +79,7 @@ mod tests {
     use super::super::testing::{assert_jacobian, vehicle_poses};
     use super::*;
     use crate::geometry::{Pose, pose, rotation::exp};
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     const STEPS: Steps = Steps { first_s: 0.7, second_s: 1.1 };
 

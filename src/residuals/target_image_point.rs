@@ -10,10 +10,10 @@
 
 use crate::camera::Camera;
 use crate::geometry::skew;
-use crate::nlls::manifold::{Manifold, read_point, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::Vector2;
 use std::sync::Arc;
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Blocks: camera pose, target in the world.
 #[derive(Clone, Debug)]
@@ -48,7 +48,7 @@ mod tests {
     use super::super::testing::{assert_jacobian, camera_poses};
     use super::*;
     use crate::camera::tests::cameras;
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {

@@ -17,9 +17,9 @@ use crate::geometry::rotation::{
     left_jacobian_inverse, left_jacobian_inverse_slope, log, right_jacobian_inverse,
 };
 use crate::geometry::{Pose, skew};
-use crate::nlls::manifold::Manifold;
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Matrix3, Matrix3x6, Vector3};
+use trackbundle_solver::manifold::Manifold;
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Blocks: three poses in time order.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,7 +113,7 @@ mod tests {
     use super::super::testing::{assert_jacobian, steady_curve, vehicle_poses};
     use super::*;
     use crate::geometry::{pose, rotation::exp};
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     const STEPS: Steps = Steps { first_s: 0.7, second_s: 1.1 };
 

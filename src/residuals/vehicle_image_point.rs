@@ -14,10 +14,10 @@
 
 use crate::camera::Camera;
 use crate::geometry::skew;
-use crate::nlls::manifold::{Manifold, read_point, read_pose};
-use crate::nlls::residual::{Jacobian, Residual};
 use nalgebra::{Matrix2x3, Vector2};
 use std::sync::Arc;
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// Blocks: camera pose, vehicle pose, point in the vehicle frame.
 #[derive(Clone, Debug)]
@@ -58,7 +58,7 @@ mod tests {
     use super::super::testing::{assert_jacobian, camera_poses, vehicle_poses};
     use super::*;
     use crate::camera::tests::cameras;
-    use crate::nlls::manifold::write_pose;
+    use trackbundle_solver::manifold::write_pose;
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {

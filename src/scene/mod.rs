@@ -13,10 +13,10 @@ pub use result::{Shown, add_result};
 use crate::diagnose::{Precision, TrackPrecision};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{self, quaternion_wxyz};
-use crate::nlls::minimise::IterationRecord;
 use crate::problem::{Known, Problem, Role, Vehicle, Video};
 use crate::refine::Fits;
 use images::{Judged, image_points};
+use trackbundle_solver::minimise::IterationRecord;
 use trackbundle_viz as viz;
 
 /// The scene before anything is adjusted.

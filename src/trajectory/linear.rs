@@ -11,7 +11,7 @@ pub type StateBlock = SMatrix<f64, 12, 6>;
 pub type StateCovariance = SMatrix<f64, 12, 12>;
 
 /// A state, and its derivatives. The twelve rows are its perturbation: position in the world \[m\] and
-/// attitude in the body \[rad\], as [`crate::nlls::manifold`] perturbs poses, velocity in the world
+/// attitude in the body \[rad\], as [`trackbundle_solver::manifold`] perturbs poses, velocity in the world
 /// \[m/s\], angular velocity in the body \[rad/s\].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {

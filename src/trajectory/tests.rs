@@ -1,9 +1,9 @@
 use super::*;
 use crate::geometry::{pose, rotation};
-use crate::nlls::manifold::{Manifold, pose_minus, read_pose, write_pose};
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use trackbundle_solver::manifold::{Manifold, pose_minus, read_pose, write_pose};
 
 const ORDERS: [Order; 2] = [Order::Acceleration, Order::Jerk];
 const STRENGTHS: Strengths = Strengths { linear: 1.5, angular: 0.3 };

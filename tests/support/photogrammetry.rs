@@ -20,9 +20,9 @@ use nalgebra::{
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 use trackbundle::geometry::{Pose, skew};
-use trackbundle::nlls::manifold::{Manifold, read_point, read_pose};
-use trackbundle::nlls::residual::{Jacobian, Residual};
-use trackbundle::nlls::system::{BlockId, Curvature, System, Values};
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
+use trackbundle_solver::system::{BlockId, Curvature, System, Values};
 
 /// `c`, `x0`, `y0` \[mm\], `b`, `K1`, `K2`, `K3`, `P1`, `P2`.
 pub const INTERIOR: Manifold = Manifold::Vector(9);

@@ -20,10 +20,10 @@ use super::rows::{Coordinates, Owner, Rows, Sighting};
 use super::{Freedom, Kind, Part};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::nlls::manifold::body_from_observer_motion;
 use crate::problem::Problem;
 use crate::refine::{point_motion, pose_motion};
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector3, Vector6};
+use trackbundle_solver::manifold::body_from_observer_motion;
 
 /// Rays whose directions differ by less than this are parallel \[rad\].
 const PARALLEL_RAD: f64 = 1e-9;

@@ -3,8 +3,6 @@
 
 use crate::camera::INTERIOR;
 use crate::estimate::{Estimate, RowMotion};
-use crate::nlls::manifold::write_pose;
-use crate::nlls::residual::{Jacobian, Residual};
 use crate::problem::{Freedom, Known, Problem, Role};
 use crate::refine::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, antenna, highest_points, positions_at};
 use crate::residuals::ground_contact::{FirstContact, NextContact};
@@ -15,6 +13,8 @@ use crate::residuals::target_image_point::TargetImagePoint;
 use crate::residuals::vehicle_image_point::VehicleImagePoint;
 use nalgebra::{DMatrix, Rotation3};
 use std::sync::Arc;
+use trackbundle_solver::manifold::write_pose;
+use trackbundle_solver::residual::{Jacobian, Residual};
 
 /// What is held exactly counts as measured with this standard deviation \[m or rad\].
 const EXACT: f64 = 1e-4;

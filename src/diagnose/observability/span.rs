@@ -8,9 +8,9 @@
 use super::Kind;
 use super::candidates::Candidate;
 use super::rows::Rows;
-use crate::nlls::linear::dense::Spectrum;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
+use trackbundle_solver::linear::dense::Spectrum;
 
 /// A candidate of which less than this is left, beside those before it, is one of their combinations.
 const DEPENDENT: f64 = 1e-7;

@@ -8,17 +8,17 @@
 //! W^T W = (sigma_px^2 I + P R^T diag(survey sigma^2) R P^T)^-1,        P = d project / dX
 //! ```
 //!
-//! perturbed as in [`crate::nlls::manifold`]: the position in the world, the attitude about the camera's
+//! perturbed as in [`trackbundle_solver::manifold`]: the position in the world, the attitude about the camera's
 //! own axes. The covariance is the inverse of the undamped normal matrix at the end.
 
 use super::p3p::p3p;
 use crate::camera::Camera;
 use crate::geometry::rotation::exp;
 use crate::geometry::{Pose, skew};
-use crate::nlls::loss::{Loss, LossName};
 use nalgebra::{Matrix2, Matrix2x3, Matrix2x6, Matrix6, Point3, Vector2, Vector3, Vector6};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use trackbundle_solver::loss::{Loss, LossName};
 
 /// An image point this many standard deviations off is a gross error, as in the adjustment.
 pub const GROSS_SIGMAS: f64 = 5.12;
@@ -110,7 +110,7 @@ impl Fit {
 
     fn mahalanobis(&self, other: &Fit) -> Option<f64> {
         let sum = self.covariance? + other.covariance?;
-        let gap = crate::nlls::manifold::pose_minus(&other.pose, &self.pose);
+        let gap = trackbundle_solver::manifold::pose_minus(&other.pose, &self.pose);
         Some(gap.dot(&sum.cholesky()?.solve(&gap)))
     }
 }
@@ -403,7 +403,7 @@ pub(super) mod tests {
     }
 
     fn gap_sigmas(fit: &Fit) -> f64 {
-        let gap = crate::nlls::manifold::pose_minus(&hovering(), &fit.pose);
+        let gap = trackbundle_solver::manifold::pose_minus(&hovering(), &fit.pose);
         let covariance = fit.covariance.unwrap();
         gap.dot(&covariance.cholesky().unwrap().solve(&gap))
     }

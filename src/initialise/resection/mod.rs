@@ -14,14 +14,14 @@ mod summary;
 
 use crate::camera::Camera;
 use crate::geometry::{Pose, interpolate};
-use crate::nlls::loss::robust_spread;
-use crate::nlls::manifold::pose_minus;
 use crate::problem::{PoseSigma, Problem, Role};
 use frame::{Fit, Frame, Sighting};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use path::Anchor;
 use rayon::prelude::*;
 pub use summary::{Quality, warnings};
+use trackbundle_solver::loss::robust_spread;
+use trackbundle_solver::manifold::pose_minus;
 
 /// Worst standard deviation of the position \[m\] and of the attitude \[rad\] beyond which a frame is
 /// bridged: its targets are too poorly spread.

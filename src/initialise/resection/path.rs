@@ -7,8 +7,8 @@
 
 use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log, right_jacobian_inverse};
-use crate::nlls::manifold::pose_minus;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
+use trackbundle_solver::manifold::pose_minus;
 
 /// Scatter of the mean acceleration over one second, of a drone in wind \[m/s^2, rad/s^2\].
 const STRENGTH: [f64; 2] = [1.0, 0.1];

@@ -17,7 +17,7 @@
 
 use super::{BlockId, System, Values};
 use crate::geometry::{Pose, rotation::exp, skew};
-use crate::nlls::manifold::{Manifold, read_pose, write_pose};
+use crate::manifold::{Manifold, read_pose, write_pose};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
 

@@ -2,8 +2,8 @@
 
 use super::common::CommonFactor;
 use super::{Accuracy, FramesFactor, Normal, System};
-use crate::nlls::linear::cholesky::{Cholesky, Singular, TooLarge};
-use crate::nlls::linear::matrix::BlockMatrix;
+use crate::linear::cholesky::{Cholesky, Singular, TooLarge};
+use crate::linear::matrix::BlockMatrix;
 use nalgebra::DMatrix;
 
 /// The factors of the normal matrix of a system.

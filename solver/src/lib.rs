@@ -4,6 +4,7 @@
 //! (divided by its standard deviation) and `rho` a robust loss.
 
 pub mod covariance;
+pub mod geometry;
 pub mod linear;
 pub mod loss;
 pub mod manifold;

@@ -12,7 +12,7 @@
 
 use super::group::AnyGroup;
 use super::{Block, BlockId, Normal, System, Values};
-use crate::nlls::linear::cholesky::Singular;
+use crate::linear::cholesky::Singular;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Which blocks they are, and where each begins among them.

@@ -3,10 +3,10 @@
 use super::together::TogetherFactor;
 use super::*;
 use crate::geometry::{pose, rotation::exp};
-use crate::nlls::linear::cholesky::Cholesky;
-use crate::nlls::loss::LossName;
-use crate::nlls::manifold::{pose_minus, pose_minus_jacobian, read_pose, write_pose};
-use crate::nlls::residual::Jacobian;
+use crate::linear::cholesky::Cholesky;
+use crate::loss::LossName;
+use crate::manifold::{pose_minus, pose_minus_jacobian, read_pose, write_pose};
+use crate::residual::Jacobian;
 use nalgebra::{DMatrix, DVector, RowVector3, SMatrix, SVector, Vector1, Vector3};
 
 /// Difference of two poses and a measured one.
@@ -268,7 +268,7 @@ impl<const N: usize> Residual<2, 2> for Image<N> {
     const MANIFOLDS: [Manifold; 2] = [Manifold::PoseAndVector(N), Manifold::POINT];
     fn evaluate(&self, x: &[&[f64]; 2], jacobian: Option<&mut Jacobian<2, 2>>) -> Option<SVector<f64, 2>> {
         let at = |camera: &[f64], point: &[f64]| {
-            let point = crate::nlls::manifold::read_point(point);
+            let point = crate::manifold::read_point(point);
             let local = read_pose(&camera[..7]).inverse_transform_point(&point);
             let ray = SVector::<f64, 2>::new(local.x / local.z, local.y / local.z);
             let lens = |(power, k): (usize, &f64)| k * (10.0 * ray.norm_squared()).powi(power as i32);
@@ -499,7 +499,7 @@ fn a_turn_of_a_bodys_frame_changes_nothing_that_is_seen() {
         for &point in &points {
             let place = |values: &Values| {
                 read_pose(system.value(values, pose))
-                    * crate::nlls::manifold::read_point(system.value(values, point))
+                    * crate::manifold::read_point(system.value(values, point))
             };
             assert!((place(&moved) - place(system.start())).norm() < 1e-14);
         }
@@ -533,7 +533,7 @@ impl Residual<2, 3> for Sight {
     const MANIFOLDS: [Manifold; 3] = [Manifold::Pose, Manifold::Pose, Manifold::POINT];
     fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<2, 3>>) -> Option<SVector<f64, 2>> {
         let (observer, body) = (read_pose(x[0]), read_pose(x[1]));
-        let point = crate::nlls::manifold::read_point(x[2]);
+        let point = crate::manifold::read_point(x[2]);
         let local = observer.inverse_transform_point(&(body * point));
         let ray = SVector::<f64, 2>::new(local.x, local.y) / local.z;
         if let Some(jacobian) = jacobian {

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! Of the frames only the band is wanted, which is `H^-1` by the recursion of
-//! [`Chain::selected_inverse`](crate::nlls::linear::chain::Chain::selected_inverse) and a small product for
+//! [`Chain::selected_inverse`](crate::linear::chain::Chain::selected_inverse) and a small product for
 //! each step. `X S^-1` is made for some steps at a time, and used at once for what image points need of
 //! it: it is never stored. Blocks are turned back from `c`, `y` into `c`, `v` at the end.
 
@@ -19,8 +19,8 @@ use super::frames::{BodyAtStep, Frames, Place};
 use super::leaves::Local;
 use super::together::TogetherFactor;
 use super::{BlockId, Curvature, Factors, GroupId, Normal, System, Values};
-use crate::nlls::linear::coupling::POINT;
-use crate::nlls::linear::pose_chain::POSE;
+use crate::linear::coupling::POINT;
+use crate::linear::pose_chain::POSE;
 use nalgebra::{DMatrix, Matrix6};
 use rayon::prelude::*;
 

@@ -14,12 +14,12 @@
 
 use super::Normal;
 use super::frames::{Frames, FramesLinear, Place, Step};
-use crate::nlls::linear::chain::Chain;
-use crate::nlls::linear::cholesky::{Singular, TooLarge};
-use crate::nlls::linear::coupling::POINT;
-use crate::nlls::linear::gradients::{Preconditioned, conjugate_gradients};
-use crate::nlls::linear::pose_chain::POSE;
-use crate::nlls::linear::tiles::TiledCholesky;
+use crate::linear::chain::Chain;
+use crate::linear::cholesky::{Singular, TooLarge};
+use crate::linear::coupling::POINT;
+use crate::linear::gradients::{Preconditioned, conjugate_gradients};
+use crate::linear::pose_chain::POSE;
+use crate::linear::tiles::TiledCholesky;
 use nalgebra::DMatrix;
 
 /// How many times longer an operation of conjugate gradients takes, which waits for memory, than one of

@@ -5,8 +5,8 @@
 
 use super::group::{AnyGroup, Linear};
 use super::{BlockId, System};
-use crate::nlls::linear::matrix::{BlockMatrix, Pattern};
-use crate::nlls::manifold::MAX_TANGENT;
+use crate::linear::matrix::{BlockMatrix, Pattern};
+use crate::manifold::MAX_TANGENT;
 use rayon::prelude::*;
 
 /// One measurement's share of a block: `J_row^T J_column`.

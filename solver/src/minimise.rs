@@ -599,10 +599,10 @@ impl State for LmState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nlls::loss::Loss;
-    use crate::nlls::manifold::Manifold;
-    use crate::nlls::residual::{Jacobian, Residual};
-    use crate::nlls::system::{BlockId, Measurement, SystemBuilder};
+    use crate::loss::Loss;
+    use crate::manifold::Manifold;
+    use crate::residual::{Jacobian, Residual};
+    use crate::system::{BlockId, Measurement, SystemBuilder};
     use nalgebra::{Matrix2, Vector1, Vector2};
 
     /// Rosenbrock's valley as a sum of squares: `(10 (y - x^2), 1 - x)`.

@@ -26,7 +26,7 @@
 
 use super::group::AnyGroup;
 use super::{Block, Curvature, System, Values};
-use crate::nlls::linear::matrix::{Pattern, Place};
+use crate::linear::matrix::{Pattern, Place};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;

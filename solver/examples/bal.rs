@@ -17,11 +17,11 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, UnitQuaternion, Vector2, Ve
 use std::error::Error;
 use std::fmt::Write;
 use std::path::PathBuf;
-use trackbundle::geometry::{rotation, skew};
-use trackbundle::nlls::loss::{DEFAULT_SHAPE, LossName};
-use trackbundle::nlls::manifold::{Manifold, read_point, read_pose};
-use trackbundle::nlls::residual::{Jacobian, Residual};
-use trackbundle::nlls::system::{BlockId, Measurement, System, SystemBuilder, Values};
+use trackbundle_solver::geometry::{rotation, skew};
+use trackbundle_solver::loss::{DEFAULT_SHAPE, LossName};
+use trackbundle_solver::manifold::{Manifold, read_point, read_pose};
+use trackbundle_solver::residual::{Jacobian, Residual};
+use trackbundle_solver::system::{BlockId, Measurement, System, SystemBuilder, Values};
 
 #[path = "support/run.rs"]
 mod run;
@@ -237,8 +237,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 mod tests {
     use super::*;
     use nalgebra::Rotation3;
-    use trackbundle::nlls::minimise::Minimiser;
-    use trackbundle::nlls::residual::worst_jacobian_entry;
+    use trackbundle_solver::minimise::Minimiser;
+    use trackbundle_solver::residual::worst_jacobian_entry;
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {
