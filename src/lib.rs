@@ -30,6 +30,7 @@ pub mod estimate;
 
 pub mod files;
 pub mod initialise;
+pub mod network;
 pub mod refine;
 
 pub mod evaluate;

@@ -172,6 +172,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             id: format!("car{}", vehicle + 1),
             marker: None,
             height: plan.knows_height.then_some(Known { value_m: top, sigma_m: 0.05 }),
+            scale_bars: Vec::new(),
             is_car: false,
             points: (0..number).map(|p| ShapePoint { id: format!("p{p:04}"), known: [None; 3] }).collect(),
             observations: Vec::new(),

@@ -211,22 +211,5 @@ fn standstills(problem: &Problem, estimate: &Estimate, precision: &Precision) ->
 
 /// A source in the user's words.
 pub fn source_name(source: Source) -> &'static str {
-    match source {
-        Source::VehicleImages => "image points of vehicles",
-        Source::TargetImages => "image points of targets",
-        Source::Survey => "survey of targets",
-        Source::Terrain => "terrain contact",
-        Source::KnownHeight => "known height",
-        Source::KnownPoint => "known points",
-        Source::Calibration => "known interior orientation",
-        Source::Readout => "known readout time",
-        Source::Gnss => "GNSS positions",
-        Source::GnssKnowledge => "knowledge of GNSS receivers",
-        Source::CameraPoses => "given camera poses",
-        Source::CameraMotion => "motion of the camera",
-        Source::VehicleMotion => "motion of vehicles",
-        Source::Driving => "rolling of rear axles",
-        Source::Frame => "frame of the body",
-        Source::Convention => "conventions",
-    }
+    source.traits().name
 }

@@ -18,7 +18,8 @@
 
 use super::inner::UNDETERMINED;
 use crate::estimate::Estimate;
-use crate::refine::{Network, Source};
+use crate::network::{CommonCause, Source};
+use crate::refine::Network;
 use nalgebra::{DMatrix, Point3, Vector3};
 use trackbundle_solver::covariance::{Covariance, Undamped};
 
@@ -122,11 +123,6 @@ pub fn sources(network: &Network) -> Vec<Source> {
     all
 }
 
-/// Whether something is known by a source.
-fn is_knowledge(source: Source) -> bool {
-    !matches!(source, Source::VehicleImages | Source::TargetImages | Source::Frame | Source::Convention)
-}
-
 pub fn sigma_of(direction: &Direction, variance_factor: f64) -> f64 {
     match direction.conventions > UNDETERMINED {
         true => f64::INFINITY,
@@ -156,7 +152,7 @@ pub fn scales(
     };
     let mut scales: Vec<Scale> = found.iter().enumerate().map(scale).collect();
     let mut left = Vec::new();
-    for source in all.into_iter().filter(|source| is_knowledge(*source)) {
+    for source in all.into_iter().filter(|source| source.is_knowledge()) {
         if let Some(error) = common_error(network, covariance, source) {
             let moved = covariance.times(&DMatrix::from_vec(error.len(), 1, error));
             for scale in &mut scales {
@@ -261,20 +257,20 @@ pub fn leave_out(
 fn common_error(network: &Network, covariance: &Covariance<'_>, source: Source) -> Option<Vec<f64>> {
     let Network { model, .. } = network;
     let mut sum = vec![0.0; model.system.size()];
-    match source {
-        Source::Terrain => {
+    match source.traits().common_cause {
+        CommonCause::None => return None,
+        CommonCause::GroundShift => {
             for (group, shifts) in &model.ground_shift {
                 let rows = shifts.iter().flat_map(|shift| [*shift, 0.0, 0.0]);
                 add(&mut sum, &covariance.transposed_product(*group, &rows.collect::<Vec<_>>()));
             }
         }
-        Source::KnownHeight | Source::KnownPoint => {
+        CommonCause::OneSigma => {
             for group in model.groups_of(source) {
                 let error = vec![1.0; model.system.rows(group)];
                 add(&mut sum, &covariance.transposed_product(group, &error));
             }
         }
-        _ => return None,
     }
     Some(sum)
 }

@@ -15,8 +15,9 @@
 //! to be of another quality, those that were estimated.
 
 use super::distribution::{chi_square_exceeded, chi_square_quantile};
+use crate::network::{Nature, Source};
 use crate::problem::Problem;
-use crate::refine::{Adjustment, Network, Source};
+use crate::refine::{Adjustment, Network};
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::system::GroupId;
 
@@ -125,9 +126,7 @@ impl Statistics {
     /// Adds the vehicles of another under the same cameras and targets.
     pub(super) fn join(&mut self, other: Statistics) {
         for component in other.components {
-            let is_own =
-                matches!(component.source, Source::VehicleImages | Source::Terrain | Source::VehicleMotion)
-                    || matches!(component.source, Source::KnownHeight | Source::KnownPoint);
+            let is_own = component.source.traits().per_vehicle;
             match self.components.iter_mut().find(|own| own.source == component.source) {
                 Some(own) if is_own => {
                     own.rows += component.rows;
@@ -164,7 +163,7 @@ pub fn statistics(problem: &Problem, network: &Network, covariance: &Covariance<
     let mut components: Vec<Component> = Vec::new();
     for (source, group) in &model.sources {
         let (rows, redundancy, squares) = of_group(network, covariance, *group);
-        if matches!(source, Source::Frame | Source::Convention) {
+        if matches!(source.traits().nature, Nature::Datum | Nature::Convention) {
             continue;
         }
         // Given poses together are one observation of a few numbers.
@@ -177,11 +176,8 @@ pub fn statistics(problem: &Problem, network: &Network, covariance: &Covariance<
                 component.squares += squares;
             }
             None if rows > 0 => {
-                let weighed_by = match source {
-                    Source::VehicleImages | Source::TargetImages => model.system.sigma_factor(*group),
-                    // That of motion is its strength, which stands for itself.
-                    _ => 1.0,
-                };
+                // That of motion is its strength, which stands for itself.
+                let weighed_by = if source.is_image() { model.system.sigma_factor(*group) } else { 1.0 };
                 components.push(Component {
                     source: *source,
                     rows: counted,

@@ -44,6 +44,14 @@ pub struct ReceiverEstimate {
     pub lever_arm_m: Vector3<f64>,
 }
 
+impl ReceiverEstimate {
+    /// Clock offset \[s\], drift and shift \[m\].
+    pub fn numbers(&self) -> [f64; 5] {
+        let shift = self.shift_m;
+        [self.clock_offset_s, self.clock_drift, shift.x, shift.y, shift.z]
+    }
+}
+
 /// The unknowns of one vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VehicleEstimate {
@@ -92,6 +100,13 @@ impl Estimate {
             readout_s: problem.shutter.readout_s,
             receivers: problem.receivers.iter().map(receiver).collect(),
         }
+    }
+
+    /// Where the antenna of a receiver is in the vehicle frame; `None` where its point has no place.
+    pub fn antenna(&self, receiver: &Receiver, found: &ReceiverEstimate) -> Option<Point3<f64>> {
+        let vehicle = &self.vehicles[receiver.vehicle];
+        let point = vehicle.points[receiver.point].filter(|_| vehicle.left_out.is_none())?;
+        Some(point + found.lever_arm_m)
     }
 
     /// Whether every number is one.

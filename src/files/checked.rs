@@ -130,6 +130,7 @@ impl Checked<'_> {
                 id: settings.id.clone(),
                 marker: settings.marker.as_ref().and_then(|(id, _)| index.get(id.as_str()).copied()),
                 height: settings.height,
+                scale_bars: Vec::new(),
                 is_car: settings.is_car,
                 points: ids.iter().map(shape_point).collect(),
                 observations: Vec::new(),

@@ -118,6 +118,8 @@ pub struct Vehicle {
     pub marker: Option<usize>,
     /// Height above the ground of the highest observed point.
     pub height: Option<Known>,
+    /// Distances between its points that are known.
+    pub scale_bars: Vec<ScaleBar>,
     /// Whether it has a rear axle that rolls without slip.
     pub is_car: bool,
     /// Its points, sorted by id.
@@ -127,6 +129,17 @@ pub struct Vehicle {
     /// `world_from_vehicle` of each frame, as far as it is known beforehand. Where there is none for a
     /// frame in which the vehicle is seen, it is to be found.
     pub poses: Vec<Option<Pose>>,
+}
+
+/// A distance between two points of a vehicle that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScaleBar {
+    /// Indices of the points.
+    pub points: [usize; 2],
+    /// Their distance \[m\], above zero.
+    pub length_m: f64,
+    /// Its standard deviation \[m\], above zero.
+    pub sigma_m: f64,
 }
 
 /// A point of a vehicle.

@@ -1,11 +1,8 @@
 //! The final least squares of one vehicle with cameras and targets, as if the others had not been seen.
 
-use super::gross_errors::{Tally, Verdicts};
-use super::model::{Model, Purpose};
-use super::motion::{BodyStrength, MotionPrior, MotionPriors};
-use super::outcome::Fits;
-use super::{Adjusted, Arrangement, Body, Network, RefineOptions};
+use super::{Adjusted, Arrangement, Network, RefineOptions};
 use crate::estimate::Estimate;
+use crate::network::{Body, BodyStrength, Model, MotionPrior, MotionPriors, Purpose, Selection};
 use crate::problem::{Problem, Receiver};
 
 /// The problem, the estimate and the least squares of one vehicle alone, at the adjusted unknowns of all;
@@ -46,15 +43,9 @@ pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(
         readout_s: estimate.readout_s,
         receivers: receivers.iter().map(|(_, found)| *found).collect(),
     };
-    let fits = Fits {
-        vehicles: vec![adjustment.fits.vehicles[vehicle].clone()],
-        targets: adjustment.fits.targets.clone(),
-        verdicts: Verdicts::default(),
-        tally: Tally::default(),
-        outliers: 0,
-        behind_camera: 0,
-        not_used: 0,
-    };
+    let accepted = adjustment.fits.selection();
+    let selection =
+        Selection { vehicles: vec![accepted.vehicles[vehicle].clone()], targets: accepted.targets };
     let prior = |body: Body| {
         let of_body = |strength: &&BodyStrength| strength.body == body;
         adjustment
@@ -69,8 +60,9 @@ pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(
     };
     let options = RefineOptions { motion, arrangement: Arrangement::Together, ..Default::default() };
     let frames = vec![network.frames[vehicle].clone()];
-    let purpose = Purpose::Statistics { fits: &fits, frames: &frames };
-    let mut model = Model::new(&own, &found, &found, &options, purpose);
+    let anchors = [frames[0].anchors.clone()];
+    let purpose = Purpose::Statistics { anchors: &anchors };
+    let mut model = Model::new(&own, &found, &found, options.network(), &selection, purpose);
     model.set_image_factors(network.model.image_factors());
     model.loosen_conventions();
     let values = model.system.start().clone();

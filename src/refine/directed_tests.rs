@@ -11,10 +11,10 @@
 //! is standard normal where the number is what it is held at (Rao's score test: to first order it is the
 //! likelihood ratio test, without another adjustment).
 
-use super::model::{Model, Purpose};
 use super::outcome::Fits;
-use super::{BodyFrame, NoSolution, RefineOptions};
+use super::{RefineOptions, statistical};
 use crate::estimate::Estimate;
+use crate::network::{BodyFrame, Model};
 use crate::problem::{Freedom, Problem};
 use nalgebra::DMatrix;
 use trackbundle_solver::covariance::Undamped;
@@ -106,16 +106,14 @@ impl Held<'_> {
         freed: &Problem,
         place: impl Fn(&Model) -> Option<(BlockId, usize)>,
     ) -> Option<(f64, f64)> {
-        let purpose = Purpose::Statistics { fits: self.fits, frames: self.frames };
-        let mut model = Model::new(freed, self.start, self.estimate, self.options, purpose);
+        let mut model = statistical(freed, self.start, self.estimate, self.options, self.fits, self.frames);
         model.copy_motion(self.model);
         model.set_image_factors(self.model.image_factors());
         model.loosen_conventions();
         let (block, at) = place(&model)?;
         let row = model.system.range_of(block)?.start + at;
         let values = model.system.start().clone();
-        let mut undamped =
-            Undamped::new(&model.system, &values).map_err(|e| NoSolution(e.to_string())).ok()?;
+        let mut undamped = Undamped::new(&model.system, &values).ok()?;
         let step = undamped.newton_step();
         let mut unit = DMatrix::zeros(step.len(), 1);
         unit[(row, 0)] = 1.0;

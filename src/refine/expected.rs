@@ -1,11 +1,10 @@
 //! The least squares that an adjustment would end with, at unknowns that are known.
 
 use super::gross_errors::Excluded;
-use super::model::{Model, Purpose};
-use super::motion::MotionPriors;
 use super::outcome::Fits;
-use super::{Arrangement, Network, RefineOptions, body_frames};
+use super::{Arrangement, Network, RefineOptions, statistical};
 use crate::estimate::Estimate;
+use crate::network::{Model, MotionPriors, Purpose, Selection, body_frames};
 use crate::problem::Problem;
 use trackbundle_solver::loss::Loss;
 
@@ -15,12 +14,12 @@ use trackbundle_solver::loss::Loss;
 pub fn expected(problem: &Problem, truth: &Estimate, motion: MotionPriors) -> (Network, Estimate) {
     let options = RefineOptions { motion, arrangement: Arrangement::Together, ..RefineOptions::default() };
     let excluded = Excluded::nothing(problem);
-    let robust = Model::new(problem, truth, truth, &options, Purpose::Adjustment { excluded: &excluded });
+    let selection = Selection::everything(problem);
+    let robust = Model::new(problem, truth, truth, options.network(), &selection, Purpose::Adjustment);
     let values = robust.values(truth);
     let frames = body_frames(problem, truth, &robust, &values);
     let fits = Fits::new(problem, truth, Loss::Squared, 1.0, &excluded).all_accepted();
-    let purpose = Purpose::Statistics { fits: &fits, frames: &frames };
-    let mut model = Model::new(problem, truth, truth, &options, purpose);
+    let mut model = statistical(problem, truth, truth, &options, &fits, &frames);
     let values = model.values(truth);
     model.set_motion_by_truth(&values);
     model.loosen_conventions();

@@ -18,10 +18,10 @@
 //! much worse than others they fit the first estimate, and again whenever poses are better known, each with
 //! its point found anew. What then fits comes back.
 
-use super::OUTLIER_SIGMAS;
 use super::outcome::{Fits, ObservationFit};
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::{point_anew, tracks_left_behind};
+use crate::network::{OUTLIER_SIGMAS, Selection};
 use crate::problem::{Problem, Role};
 use nalgebra::Vector2;
 
@@ -166,17 +166,18 @@ pub struct Excluded {
 }
 
 impl Excluded {
+    /// The image points that are not left out.
+    pub fn selection(&self) -> Selection {
+        let taken = |out: &Vec<Option<Reason>>| -> Vec<bool> { out.iter().map(Option::is_none).collect() };
+        Selection { vehicles: self.vehicles.iter().map(taken).collect(), targets: taken(&self.targets) }
+    }
+
     /// Nothing is left out.
     pub fn nothing(problem: &Problem) -> Excluded {
         Excluded {
             vehicles: problem.vehicles.iter().map(|v| vec![None; v.observations.len()]).collect(),
             targets: vec![None; problem.target_observations.len()],
         }
-    }
-
-    /// Of one vehicle alone, in a problem without targets.
-    pub fn of_vehicle(&self, vehicle: usize) -> Excluded {
-        Excluded { vehicles: vec![self.vehicles[vehicle].clone()], targets: Vec::new() }
     }
 
     /// Whether nothing is left out.

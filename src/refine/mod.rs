@@ -15,39 +15,32 @@
 //! (`gross_errors`); what is gross as a whole is left out, and what was left out and fits comes back.
 
 mod alone;
-mod body_frame;
-mod datum;
 mod directed_tests;
 mod expected;
 mod gross_errors;
-mod images;
-mod model;
-mod motion;
 mod outcome;
-mod receivers;
 mod reversal;
 
 pub use alone::alone;
-use body_frame::body_frames;
-pub use body_frame::{BodyFrame, frame_step, point_motion, pose_motion};
-pub use datum::{camera_gap, scale_gap};
 pub use directed_tests::{CRITICAL, DirectedTest};
 pub use expected::expected;
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
-pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
-pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, Order, Strengths};
-pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
-pub use receivers::{antenna, positions_at};
+pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, ObservationFit, Round};
 
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
 use crate::initialise::start_anew;
+use crate::network::{Anchors, NetworkOptions, Purpose, body_frames, start_clocks};
+pub use crate::network::{
+    Body, BodyStrength, MotionPrior, Order, Source, Strengths, camera_gap, frame_step, point_motion,
+    pose_motion, scale_gap,
+};
+pub use crate::network::{BodyFrame, Model, MotionPriors, OUTLIER_SIGMAS};
 use crate::problem::Problem;
 use directed_tests::{Held, directed_tests};
-use model::Purpose;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use trackbundle_solver::covariance::Covariance;
-use trackbundle_solver::linear::cholesky::TooLarge;
+use trackbundle_solver::linear::cholesky::{Singular, TooLarge};
 use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
 use trackbundle_solver::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
 pub use trackbundle_solver::system::Arrangement;
@@ -68,6 +61,13 @@ pub struct RefineOptions {
     pub motion: MotionPriors,
     /// How vehicles are eliminated; without effect on the result.
     pub arrangement: Arrangement,
+}
+
+impl RefineOptions {
+    /// What of them the network depends on.
+    pub fn network(&self) -> NetworkOptions {
+        NetworkOptions { motion: self.motion, arrangement: self.arrangement }
+    }
 }
 
 impl Default for RefineOptions {
@@ -98,6 +98,12 @@ pub type ProgressSink<'a> = &'a mut dyn FnMut(Progress<'_>);
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NoSolution(pub String);
+
+impl From<Singular> for NoSolution {
+    fn from(error: Singular) -> Self {
+        NoSolution(error.to_string())
+    }
+}
 
 impl From<TooLarge> for NoSolution {
     fn from(error: TooLarge) -> Self {
@@ -189,7 +195,7 @@ pub fn adjust(
         return Err(NoSolution(format!("no vehicle can be adjusted; {}", reasons.join("; "))));
     }
     let mut start = start.clone();
-    receivers::start_clocks(problem, &mut start);
+    start_clocks(problem, &mut start);
     let start = &start;
     let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
     let chosen = options.loss.with_scale(scale, options.loss_shape);
@@ -197,7 +203,8 @@ pub fn adjust(
         LossName::None => Excluded::nothing(problem),
         _ => Excluded::suspected(problem, start),
     };
-    let model = Model::new(problem, start, start, options, Purpose::Adjustment { excluded: &excluded });
+    let selection = excluded.selection();
+    let model = Model::new(problem, start, start, options.network(), &selection, Purpose::Adjustment);
     let mut run = Run {
         problem,
         progress,
@@ -318,6 +325,20 @@ pub fn adjust(
     Ok(Adjusted { estimate, adjustment, network })
 }
 
+/// The least squares on accepted image points, with frames of bodies held where they are.
+fn statistical(
+    problem: &Problem,
+    start: &Estimate,
+    current: &Estimate,
+    options: &RefineOptions,
+    accepted: &Fits,
+    frames: &[BodyFrame],
+) -> Model {
+    let anchors: Vec<Anchors> = frames.iter().map(|frame| frame.anchors.clone()).collect();
+    let purpose = Purpose::Statistics { anchors: &anchors };
+    Model::new(problem, start, current, options.network(), &accepted.selection(), purpose)
+}
+
 /// An estimate with the points that it lacks from another.
 fn with_points_of(estimate: &Estimate, other: &Estimate) -> Estimate {
     let mut whole = estimate.clone();
@@ -392,8 +413,7 @@ impl Run<'_, '_> {
         let frames = body_frames(self.problem, estimate, &self.model, &values);
         // Whoever wants plain least squares has nothing rejected.
         let accepted = if self.options.loss == LossName::None { &fits.all_accepted() } else { fits };
-        let purpose = Purpose::Statistics { fits: accepted, frames: &frames };
-        let mut model = Model::new(self.problem, self.start, estimate, self.options, purpose);
+        let mut model = statistical(self.problem, self.start, estimate, self.options, accepted, &frames);
         model.copy_motion(&self.model);
         self.values = model.system.start().clone();
         self.minimiser = Minimiser::new(&model.system)?;
@@ -511,8 +531,8 @@ impl Run<'_, '_> {
         now: &Estimate,
         image_loss: Loss,
     ) -> Result<(Minimiser, Model, Values), TooLarge> {
-        let purpose = Purpose::Adjustment { excluded: &self.excluded };
-        let mut model = Model::new(self.problem, self.start, now, self.options, purpose);
+        let (options, selection) = (self.options.network(), self.excluded.selection());
+        let mut model = Model::new(self.problem, self.start, now, options, &selection, Purpose::Adjustment);
         model.set_image_loss(image_loss);
         model.copy_motion(&self.model);
         let values = model.system.start().clone();

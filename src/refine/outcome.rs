@@ -3,19 +3,14 @@
 use super::Network;
 use super::directed_tests::DirectedTest;
 use super::gross_errors::{self, Excluded, Tally, Verdict, Verdicts};
-use super::model::Model;
-use super::motion::BodyStrength;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
+use crate::network::{BodyStrength, Model, OUTLIER_SIGMAS, Selection};
 use crate::problem::{Problem, Role, Target};
 use nalgebra::{Vector2, Vector3};
 use trackbundle_solver::linear::ordering::Rule;
 use trackbundle_solver::loss::Loss;
 use trackbundle_solver::minimise::{IterationRecord, Minimum, Stop};
-
-/// An image point this many standard deviations off (times the spread of all) is a gross error. Good
-/// ones get there once in half a million; the default loss rejects from here on.
-pub const OUTLIER_SIGMAS: f64 = 5.12;
 
 /// The statistics of an adjustment.
 #[derive(Clone, Debug)]
@@ -268,6 +263,14 @@ impl Fits {
         let accept = |fit: &mut ObservationFit| fit.is_outlier = false;
         fits.vehicles.iter_mut().flatten().chain(&mut fits.targets).flatten().for_each(accept);
         fits
+    }
+
+    /// The image points that are accepted.
+    pub fn selection(&self) -> Selection {
+        let accepted = |fits: &Vec<Option<ObservationFit>>| -> Vec<bool> {
+            fits.iter().map(|fit| fit.is_some_and(|fit| fit.is_accepted())).collect()
+        };
+        Selection { vehicles: self.vehicles.iter().map(accepted).collect(), targets: accepted(&self.targets) }
     }
 
     /// One fit; `computed` is `None` where the point has no coordinates.

@@ -5,13 +5,12 @@
 //! known of height and motion tell the two apart, and each is a minimum of its own. So the mirrored one is
 //! adjusted too, body by body under the cameras as they are, and taken where its cost is lower.
 
+use super::RefineOptions;
 use super::gross_errors::Excluded;
-use super::model::{Model, Purpose};
-use super::motion::{BodyStrength, MotionPrior, MotionPriors};
-use super::{Body, RefineOptions};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log};
+use crate::network::{Body, BodyStrength, Model, MotionPrior, MotionPriors, Purpose, Selection};
 use crate::problem::{Freedom, PoseSigma, Problem, Shutter};
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use trackbundle_solver::linear::cholesky::TooLarge;
@@ -76,10 +75,12 @@ pub fn better_reversed(
         };
         let options = RefineOptions { motion, ..*options };
         let start = with(start, &start.vehicles[at]);
-        let excluded = excluded.of_vehicle(at);
+        let taken = excluded.selection().vehicles.swap_remove(at);
+        let selection = Selection { vehicles: vec![taken], targets: Vec::new() };
         let adjusted = |from: &VehicleEstimate| -> Result<(f64, VehicleEstimate), TooLarge> {
-            let purpose = Purpose::Adjustment { excluded: &excluded };
-            let mut model = Model::new(&alone, &start, &with(now, from), &options, purpose);
+            let current = with(now, from);
+            let (options, purpose) = (options.network(), Purpose::Adjustment);
+            let mut model = Model::new(&alone, &start, &current, options, &selection, purpose);
             model.set_image_loss(loss);
             let limits = MinimiserOptions { max_iterations: ITERATIONS, ..Default::default() };
             let minimum =

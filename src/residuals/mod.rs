@@ -12,6 +12,7 @@
 //! | smooth motion of a camera or a vehicle | [`smooth_motion`], [`jerk`] |
 //! | smooth motion of a vehicle in its own axes | [`twist`], [`jerk`] |
 //! | ... in distances from the camera | [`scale_free`] |
+//! | known distance of two shape points | [`known_distance`] |
 //! | rolling of a vehicle's rear axle | [`no_side_slip`] |
 //!
 //! Poses are `world_from_body` and perturbed as [`trackbundle_solver::manifold`] says.
@@ -21,6 +22,7 @@ pub mod ground_contact;
 pub mod inside_body;
 pub mod jerk;
 pub mod known_coordinate;
+pub mod known_distance;
 pub mod no_side_slip;
 pub mod pose_prior;
 pub mod row_image_point;

@@ -272,6 +272,7 @@ impl World {
                     .height_sigma_m
                     .filter(|_| highest.is_finite())
                     .map(|sigma_m| known(highest, sigma_m, errors.on * really[4] * height_error)),
+                scale_bars: Vec::new(),
                 is_car: settings.is_car,
                 points: shape.collect(),
                 observations: sights.observations,

@@ -186,6 +186,7 @@ impl Film {
                 id: "car".to_owned(),
                 marker: Some(0),
                 height: None,
+                scale_bars: Vec::new(),
                 is_car: false,
                 points: points.collect(),
                 observations: of_car,

@@ -294,6 +294,7 @@ impl Flight {
                 id: "car".to_owned(),
                 marker: Some(0),
                 height: Some(Known { value_m: roof_m, sigma_m: self.roof_m }),
+                scale_bars: Vec::new(),
                 is_car: false,
                 points: (0..self.points)
                     .map(|at| ShapePoint { id: format!("p{at:03}"), known: [None; 3] })

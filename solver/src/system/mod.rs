@@ -40,6 +40,13 @@ use std::sync::Arc;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BlockId(usize);
 
+impl BlockId {
+    /// How many blocks were added to the same builder before it.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
 /// A group of measurements of a system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GroupId(usize);

@@ -16,12 +16,12 @@
 //! ```
 
 use super::names::number;
-use super::rows::{Coordinates, Owner, Rows, Sighting};
+use super::rows::{Coordinates, Rows, Sighting};
 use super::{Freedom, Kind, Part};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
+use crate::network::{Owner, point_motion, pose_motion};
 use crate::problem::Problem;
-use crate::refine::{point_motion, pose_motion};
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector3, Vector6};
 use trackbundle_solver::manifold::body_from_observer_motion;
 
@@ -73,7 +73,7 @@ pub fn candidates(problem: &Problem, estimate: &Estimate, all: &Coordinates, row
     for vehicle in 0..problem.vehicles.len() {
         scene.add_vehicle(vehicle, &mut found);
     }
-    scene.add_receivers(&mut found);
+    scene.add_unseen(&mut found);
     found
 }
 
@@ -233,17 +233,28 @@ impl Scene<'_> {
         &self.estimate.camera_poses[frame]
     }
 
-    /// No image point sees a clock or a shift.
-    fn add_receivers(&self, found: &mut Candidates) {
-        for (receiver, start) in self.all.receivers.iter().enumerate() {
-            let free = (0..5).filter(|at| self.all.is_free[start + at]);
-            let of_receiver = free.map(|at| {
+    /// No image point sees a rear axle, an antenna, a clock or a shift.
+    fn add_unseen(&self, found: &mut Candidates) {
+        for (owner, start, length) in &self.all.blocks {
+            if !matches!(owner, Owner::Axle(_) | Owner::Antenna(_) | Owner::Receiver(_)) {
+                continue;
+            }
+            let free = (0..*length).filter(|at| self.all.is_free[start + at]);
+            let of_owner = free.map(|at| {
                 let mut motion = DVector::zeros(self.all.len());
                 motion[start + at] = 1.0;
-                Candidate { kind: number(Owner::Receiver(receiver), at), motion }
+                Candidate { kind: number(*owner, at), motion }
             });
-            found.of_bodies.push(of_receiver.collect());
+            found.of_bodies.push(of_owner.collect());
         }
+    }
+
+    /// Places that move with a body and that no image point sees: the antennas on a vehicle.
+    fn antennas(&self, vehicle: usize) -> impl Iterator<Item = (usize, Point3<f64>)> {
+        let receivers = self.problem.receivers.iter().zip(&self.estimate.receivers).zip(&self.all.receivers);
+        receivers.filter(move |((receiver, _), _)| receiver.vehicle == vehicle).filter_map(
+            |((receiver, found), starts)| Some(((*starts)?[0], self.estimate.antenna(receiver, found)?)),
+        )
     }
 
     /// The vehicles that have a pose in a frame: index, pose, first coordinate.
@@ -436,9 +447,12 @@ impl Scene<'_> {
         // So that the body moves by a metre.
         let share = f64::max(number, 1.0) / f64::max(sum, 1e-3);
         rays.iter().for_each(|(start, ray)| write(&mut motion, *start, (ray * share).as_slice()));
-        places
-            .iter()
-            .for_each(|(start, point)| write(&mut motion, *start, (point.coords * share).as_slice()));
+        for (start, point) in places.iter().copied().chain(self.antennas(vehicle)) {
+            write(&mut motion, start, (point.coords * share).as_slice());
+        }
+        if let Some(axle) = self.all.axles[vehicle] {
+            motion[axle] = found.axle[0] * share;
+        }
         Candidate { kind: Kind::Scale { vehicle }, motion }
     }
 
@@ -461,8 +475,12 @@ impl Scene<'_> {
                 }
             }
             let mut motion = DVector::zeros(self.all.len());
-            for (start, point) in places {
-                write(&mut motion, *start, point_motion(&direction, point).as_slice());
+            for (start, point) in places.iter().copied().chain(self.antennas(vehicle)) {
+                write(&mut motion, start, point_motion(&direction, &point).as_slice());
+            }
+            if let Some(axle) = self.all.axles[vehicle] {
+                // Along the x axis it is shifted, about the z axis it is turned.
+                write(&mut motion, axle, &[direction[0], direction[5]]);
             }
             for (pose, start) in found.poses.iter().zip(&self.all.poses[vehicle]) {
                 if let (Some(pose), Some(start)) = (pose, start) {

@@ -28,7 +28,7 @@ use crate::estimate::Estimate;
 use crate::problem::Problem;
 use candidates::{Candidate, Candidates, candidates};
 use nalgebra::{DMatrix, DVector};
-use rows::{Coordinates, Rows};
+use rows::{Coordinates, Rows, examine};
 use span::{Shares, Span, orthonormal};
 
 /// Directions whose singular value, as a share of the largest, lies below this are null.
@@ -165,6 +165,20 @@ pub enum Kind {
     },
     /// The readout time.
     Readout,
+    /// The rear axle of a vehicle: its place, or the direction in which it rolls.
+    Axle {
+        /// The vehicle.
+        vehicle: usize,
+        /// Which.
+        at: usize,
+    },
+    /// The antenna of a receiver, along an axis of its vehicle.
+    Antenna {
+        /// The receiver.
+        receiver: usize,
+        /// Which axis.
+        axis: usize,
+    },
     /// A number of a receiver: clock offset, drift, shift along x, y, z.
     Receiver {
         /// The receiver.
@@ -183,8 +197,7 @@ pub fn observability(problem: &Problem, estimate: &Estimate) -> Observability {
 
 /// [`observability`], singular values being computed up to so many unknowns.
 pub fn observability_within(problem: &Problem, estimate: &Estimate, most_dense: usize) -> Observability {
-    let all = Coordinates::new(problem, estimate);
-    let rows = Rows::new(problem, estimate, &all);
+    let (all, rows) = examine(problem, estimate);
     let norms = rows.column_norms(all.len());
     let candidates = candidates(problem, estimate, &all, &rows);
     let unknowns = all.unknowns();

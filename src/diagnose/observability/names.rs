@@ -1,9 +1,9 @@
 //! Names of directions, and a report of all of them for people.
 
-use super::rows::{Coordinates, Owner};
+use super::rows::Coordinates;
 use super::{Class, Direction, Freedom, Kind, Observability, Part};
+use crate::network::{Owner, scale_gap};
 use crate::problem::Problem;
-use crate::refine::scale_gap;
 use nalgebra::DVector;
 use std::fmt::Write;
 
@@ -23,10 +23,15 @@ pub fn number(owner: Owner, at: usize) -> Kind {
     match owner {
         Owner::Interior => Kind::Interior { at },
         Owner::Readout => Kind::Readout,
+        Owner::Axle(vehicle) => Kind::Axle { vehicle, at },
+        Owner::Antenna(receiver) => Kind::Antenna { receiver, axis: at },
         Owner::Receiver(receiver) => Kind::Receiver { receiver, at },
         _ => Kind::Other,
     }
 }
+
+/// Numbers of a rear axle.
+const AXLE_NAMES: [&str; 2] = ["place of the rear axle", "rolling direction"];
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -59,6 +64,11 @@ pub fn name(problem: &Problem, kind: &Kind) -> String {
         }
         Kind::Interior { at } => problem.camera.interior_names()[*at].to_owned(),
         Kind::Readout => "readout time".to_owned(),
+        Kind::Axle { vehicle, at } => format!("{} of {}", AXLE_NAMES[*at], id(*vehicle)),
+        Kind::Antenna { receiver, axis } => {
+            let of = problem.receivers[*receiver].name(&problem.vehicles);
+            format!("antenna of {of}, along {}", AXES[*axis])
+        }
         Kind::Receiver { receiver, at } => {
             let of = problem.receivers[*receiver].name(&problem.vehicles);
             format!("{} of {of}", RECEIVER_NAMES[*at])
@@ -93,7 +103,11 @@ pub fn held_by(problem: &Problem, kind: &Kind) -> Option<&'static str> {
             }
         }
         Kind::VehiclePose { .. } => Some("motion"),
-        Kind::Interior { .. } | Kind::Readout | Kind::Receiver { .. } => Some("a convention"),
+        Kind::Interior { .. }
+        | Kind::Readout
+        | Kind::Axle { .. }
+        | Kind::Antenna { .. }
+        | Kind::Receiver { .. } => Some("a convention"),
         Kind::Other => None,
     }
 }
@@ -148,7 +162,7 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
                 }
             }
             Owner::Bias => {}
-            Owner::Interior | Owner::Readout | Owner::Receiver(_) => {
+            Owner::Interior | Owner::Readout | Owner::Axle(_) | Owner::Antenna(_) | Owner::Receiver(_) => {
                 if weight > heaviest_number.0 {
                     let square = |at: usize| perturbation[start + at].powi(2);
                     let at = (0..*length).max_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(0);

@@ -146,7 +146,7 @@ pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
         return None;
     }
     let knows = |axis: usize| vehicle.points.iter().filter(|p| p.known[axis].is_some()).count();
-    let knows_size = (0..3).any(|axis| knows(axis) >= 2);
+    let knows_size = !vehicle.scale_bars.is_empty() || (0..3).any(|axis| knows(axis) >= 2);
     let knows_height = knows(2) >= 1 || vehicle.height.is_some();
     match (knows_size, knows_height, has_ground(problem, vehicle)) {
         (true, _, _) | (_, true, true) => None,

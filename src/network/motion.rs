@@ -13,7 +13,8 @@
 //! is 1 where the strength is right. The trace is the mean of `z^T J H^-1 J^T z` over vectors `z` of
 //! random signs (Hutchinson 1990), drawn from a fixed seed.
 
-use super::NoSolution;
+use super::sink::Sink;
+use super::source::Source;
 use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
 use crate::residuals::scale_free::ScaleFree;
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
@@ -22,10 +23,10 @@ pub use crate::trajectory::{Order, Strengths};
 use nalgebra::Point3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use trackbundle_solver::loss::Loss;
+use trackbundle_solver::linear::cholesky::Singular;
 use trackbundle_solver::minimise::Minimiser;
 use trackbundle_solver::residual::Residual;
-use trackbundle_solver::system::{Accuracy, BlockId, GroupId, Measurement, System, SystemBuilder, Values};
+use trackbundle_solver::system::{Accuracy, BlockId, GroupId, Measurement, System, Values};
 
 /// How strongly motion is smoothed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -171,7 +172,12 @@ pub struct BodyStrength {
     pub is_estimated: bool,
 }
 
-fn add_accelerations(builder: &mut SystemBuilder, poses: &[TimedPose], first: Strengths) -> [GroupId; 2] {
+fn add_accelerations(
+    sink: &mut impl Sink,
+    source: Source,
+    poses: &[TimedPose],
+    first: Strengths,
+) -> [GroupId; 2] {
     let (mut plain, mut seen, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
     for three in poses.windows(3) {
         let [a, b, c] = [&three[0], &three[1], &three[2]];
@@ -188,11 +194,11 @@ fn add_accelerations(builder: &mut SystemBuilder, poses: &[TimedPose], first: St
         let sigma = [first.angular / root; 3];
         rotations.push(Measurement { residual: AngularAcceleration(steps), blocks, sigma });
     }
-    let positions = add_positions(builder, plain, seen);
-    [positions, builder.add_group(ATTITUDE, Loss::Squared, rotations)]
+    let positions = add_positions(sink, source, plain, seen);
+    [positions, sink.squares(source, ATTITUDE, rotations)]
 }
 
-fn add_jerks(builder: &mut SystemBuilder, poses: &[TimedPose], first: Strengths) -> [GroupId; 2] {
+fn add_jerks(sink: &mut impl Sink, source: Source, poses: &[TimedPose], first: Strengths) -> [GroupId; 2] {
     let (mut plain, mut seen, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
     for four in poses.windows(4) {
         let step = |at: usize| four[at + 1].time_s - four[at].time_s;
@@ -209,13 +215,14 @@ fn add_jerks(builder: &mut SystemBuilder, poses: &[TimedPose], first: Strengths)
         let sigma = [first.angular / root; 3];
         rotations.push(Measurement { residual: AngularJerk(steps), blocks, sigma });
     }
-    let positions = add_positions(builder, plain, seen);
-    [positions, builder.add_group(ATTITUDE, Loss::Squared, rotations)]
+    let positions = add_positions(sink, source, plain, seen);
+    [positions, sink.squares(source, ATTITUDE, rotations)]
 }
 
 /// All poses of a body are seen from a camera, or none is.
 fn add_positions<A, B, const N: usize>(
-    builder: &mut SystemBuilder,
+    sink: &mut impl Sink,
+    source: Source,
     plain: Vec<Measurement<A, 3, N>>,
     seen: Vec<Measurement<B, 3, N>>,
 ) -> GroupId
@@ -224,8 +231,8 @@ where
     B: Residual<3, N> + 'static,
 {
     match plain.is_empty() {
-        true => builder.add_group(POSITION, Loss::Squared, seen),
-        false => builder.add_group(POSITION, Loss::Squared, plain),
+        true => sink.squares(source, POSITION, seen),
+        false => sink.squares(source, POSITION, plain),
     }
 }
 
@@ -241,7 +248,7 @@ impl Motion {
     /// and would make all motion look weaker than it is.
     pub fn add(
         &mut self,
-        builder: &mut SystemBuilder,
+        sink: &mut impl Sink,
         body: Body,
         poses: &[TimedPose],
         prior: MotionPrior,
@@ -252,9 +259,13 @@ impl Motion {
             MotionPrior::Given(order, strengths) => (order, strengths, false),
             MotionPrior::Estimated(order) => (order, first_strengths(&body, order), true),
         };
+        let source = match body {
+            Body::Camera => Source::CameraMotion,
+            Body::Vehicle(_) => Source::VehicleMotion,
+        };
         let [positions, rotations] = match order {
-            Order::Acceleration => add_accelerations(builder, poses, first),
-            Order::Jerk => add_jerks(builder, poses, first),
+            Order::Acceleration => add_accelerations(sink, source, poses, first),
+            Order::Jerk => add_jerks(sink, source, poses, first),
         };
         for (group, first, is_rotation) in
             [(positions, first.linear, false), (rotations, first.angular, true)]
@@ -279,11 +290,6 @@ impl Motion {
     /// Whether any strength is estimated.
     pub fn is_estimated(&self) -> bool {
         self.components.iter().any(|c| c.is_estimated)
-    }
-
-    /// The groups and whose they are.
-    pub fn bodies(&self) -> impl Iterator<Item = (&Body, GroupId)> {
-        self.components.iter().map(|c| (&c.body, c.group))
     }
 
     /// The present strengths.
@@ -334,7 +340,7 @@ impl Motion {
         system: &mut System,
         minimiser: &mut Minimiser,
         values: &Values,
-    ) -> Result<f64, NoSolution> {
+    ) -> Result<f64, Singular> {
         let mut estimated: Vec<&mut Component> = self
             .components
             .iter_mut()
@@ -343,7 +349,7 @@ impl Motion {
         if estimated.is_empty() {
             return Ok(1.0);
         }
-        let (normal, factors) = minimiser.factors(system, values).map_err(|e| NoSolution(e.to_string()))?;
+        let (normal, factors) = minimiser.factors(system, values)?;
         let n = system.size();
         let fewest = estimated.iter().map(|c| system.rows(c.group)).min().unwrap_or(0);
         let probes = (PROBED_ROWS / fewest.max(1)).clamp(2, MOST_PROBES);
@@ -399,6 +405,7 @@ impl Motion {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sink::SystemSink;
     use super::*;
     use crate::geometry::rotation::exp;
     use crate::geometry::{Pose, pose};
@@ -443,17 +450,17 @@ mod tests {
     fn the_strength_of_simulated_motion_is_found() {
         for strength in [Strengths { linear: 0.2, angular: 0.3 }, Strengths { linear: 3.0, angular: 0.01 }] {
             let measured = measured_poses(strength, 400);
-            let mut builder = SystemBuilder::default();
+            let mut sink = SystemSink::default();
             let blocks: Vec<BlockId> = measured
                 .iter()
-                .map(|pose| builder.add_block(Manifold::Pose, &write_pose(pose), &[true; 6]))
+                .map(|pose| sink.builder.add_block(Manifold::Pose, &write_pose(pose), &[true; 6]))
                 .collect();
             let rows = measured.iter().zip(&blocks).map(|(start, block)| Measurement {
                 residual: PosePrior { start: *start, axes: Rotation3::identity() },
                 blocks: [*block],
                 sigma: SIGMAS,
             });
-            builder.add_group("poses", Loss::Squared, rows.collect());
+            sink.squares(Source::CameraPoses, "poses", rows.collect());
             let timed = |(at, block): (usize, &BlockId)| TimedPose {
                 time_s: at as f64 * STEP_S,
                 block: *block,
@@ -461,14 +468,8 @@ mod tests {
             };
             let timed: Vec<TimedPose> = blocks.iter().enumerate().map(timed).collect();
             let mut motion = Motion::default();
-            motion.add(
-                &mut builder,
-                Body::Camera,
-                &timed,
-                MotionPrior::Estimated(Order::Acceleration),
-                false,
-            );
-            let mut system = builder.build();
+            motion.add(&mut sink, Body::Camera, &timed, MotionPrior::Estimated(Order::Acceleration), false);
+            let mut system = sink.builder.build();
             let mut minimiser = Minimiser::new(&system).unwrap();
             let mut values = system.start().clone();
             for _ in 0..8 {

@@ -25,7 +25,9 @@
 //!
 //! by which no single point, and no frame of the film, is free of error.
 
-use super::model::{Model, Source};
+use super::model::Model;
+use super::selection::Anchors;
+use super::source::Source;
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
 use crate::problem::Problem;
@@ -35,9 +37,6 @@ use trackbundle_solver::system::{BlockId, OwnNormals, Values};
 /// A direction of a body's frame that is held less well than this is open: root mean square over the points
 /// \[m\].
 const OPEN_M: f64 = 0.1;
-/// Standard deviation of a coordinate that holds an open direction \[m\]: about that of a point, so that
-/// the system stays well conditioned. It has no effect on what is transformed to inner constraints.
-pub const ANCHOR_SIGMA_M: f64 = 0.01;
 /// What is held exactly counts as held with this standard deviation \[m or rad\].
 const EXACT: f64 = 1e-4;
 
@@ -55,7 +54,7 @@ pub struct BodyFrame {
     /// poses known. (With the frame, or the scale, it would be that of what holds these.)
     pub weights: Vec<f64>,
     /// Points and axes whose coordinates hold the open directions.
-    pub anchors: Vec<(usize, usize)>,
+    pub anchors: Anchors,
 }
 
 /// Where a point moves when the frame of its body is shifted and turned.
@@ -104,12 +103,13 @@ fn body_frame(
     let generators = generators(&points, &weights);
     let steps: Vec<Vec<f64>> = generators.iter().map(|g| frame_step(estimate, model, vehicle, g)).collect();
     let mut information = Matrix6::zeros();
-    for source in [Source::Terrain, Source::KnownHeight, Source::KnownPoint] {
-        for group in model.groups_of(source) {
-            let rows: Vec<Vec<f64>> =
-                steps.iter().map(|step| model.system.product(group, values, step)).collect();
-            add_products(&mut information, &rows);
-        }
+    let holding = model.sources.iter().filter(|(source, _)| source.traits().holds_frame);
+    let mut holding: Vec<_> = holding.collect();
+    holding.sort_by_key(|(source, _)| *source);
+    for (_, group) in holding {
+        let rows: Vec<Vec<f64>> =
+            steps.iter().map(|step| model.system.product(*group, values, step)).collect();
+        add_products(&mut information, &rows);
     }
     add_products(&mut information, &held_rows(estimate, model, vehicle, &generators));
     let number = points.len() as f64;
