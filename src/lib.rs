@@ -13,6 +13,7 @@
 //! as far as `tests/floor_plan.rs` says.
 
 pub mod geometry;
+pub mod rules;
 pub mod tables;
 
 pub mod camera;

@@ -12,6 +12,7 @@ use support::in_package;
 /// Rooms of the toolkit from the lowest floor up: floor, room, and what it may use of the floors below.
 const TOOLKIT: &[(u32, &str, &[&str])] = &[
     (1, "geometry", &[]),
+    (1, "rules", &[]),
     (1, "tables", &[]),
     (2, "camera", &["geometry"]),
     (2, "clock", &[]),
@@ -37,6 +38,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "camera",
             "terrain",
             "geometry",
+            "rules",
         ],
     ),
     (
