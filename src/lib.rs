@@ -14,6 +14,7 @@
 
 pub mod geometry;
 pub mod rules;
+pub mod stats;
 pub mod tables;
 
 pub mod camera;

@@ -16,6 +16,7 @@ use super::index::{CloudError, CloudIndex};
 use super::plane::NEIGHBOURS;
 use super::surface::{Offset, Surface, thinned};
 use crate::geometry::{Pose, rotation, skew};
+use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix3x6, Matrix6, Point3, SymmetricEigen, Translation3, Vector3, Vector6};
 use rayon::prelude::*;
 
@@ -228,10 +229,7 @@ fn stepped(step: &Vector6<f64>, motion: &Pose) -> Pose {
 
 /// The middle of points per axis, and the middle distance from there.
 fn middle(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
-    let median = |mut values: Vec<f64>| {
-        let half = values.len() / 2;
-        *values.select_nth_unstable_by(half, f64::total_cmp).1
-    };
+    let median = |values: Vec<f64>| upper_median(values).unwrap_or(0.0);
     let centre = Point3::from([0, 1, 2].map(|axis| median(points.iter().map(|p| p[axis]).collect())));
     let size_m = median(points.iter().map(|p| (p - centre).norm()).collect());
     (centre, size_m.max(1e-6))

@@ -8,6 +8,7 @@ use super::motion::BodyStrength;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
 use crate::problem::{Problem, Role, Target};
+use crate::stats::normal::GROSS_SIGMAS;
 use nalgebra::{Vector2, Vector3};
 use trackbundle_solver::linear::ordering::Rule;
 use trackbundle_solver::loss::Loss;
@@ -15,7 +16,7 @@ use trackbundle_solver::minimise::{IterationRecord, Minimum, Stop};
 
 /// An image point this many standard deviations off (times the spread of all) is a gross error. Good
 /// ones get there once in half a million; the default loss rejects from here on.
-pub const OUTLIER_SIGMAS: f64 = 5.12;
+pub const OUTLIER_SIGMAS: f64 = GROSS_SIGMAS;
 
 /// The statistics of an adjustment.
 #[derive(Clone, Debug)]

@@ -6,12 +6,13 @@
 use super::model::{Blocks, Purpose};
 use super::outcome::OUTLIER_SIGMAS;
 use crate::clock::curve::Curve;
-use crate::clock::quantile::median;
 use crate::clock::{ClockOffset, Shift, clock_offset};
 use crate::estimate::{Estimate, ReceiverEstimate};
 use crate::problem::{Problem, ReceivedPosition, Receiver};
 use crate::residuals::antenna_position::{AntennaPosition, LeverArm, RECEIVER, video_time_s};
 use crate::residuals::known_coordinate::KnownNumber;
+use crate::stats::normal::MEDIAN_OF_NORM_3;
+use crate::stats::quantile::median;
 use nalgebra::{Point3, Vector3};
 use trackbundle_solver::loss::{Loss, LossName};
 use trackbundle_solver::manifold::write_pose;
@@ -252,9 +253,8 @@ pub fn add_receivers(
 
 /// The scatter of deviations in three axes, at least 1.
 fn spread_of(deviations: &[Option<f64>]) -> f64 {
-    // The median of the norm of three normal numbers.
-    const MEDIAN: f64 = 1.538;
-    median(deviations.iter().copied().flatten().collect()).map_or(1.0, |median| (median / MEDIAN).max(1.0))
+    median(deviations.iter().copied().flatten().collect())
+        .map_or(1.0, |median| (median / MEDIAN_OF_NORM_3).max(1.0))
 }
 
 /// How many standard deviations each position is off at the current estimate; `None` where it takes no part.
