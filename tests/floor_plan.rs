@@ -312,7 +312,6 @@ const CIRCLES: &[&[&str]] = &[
         "src/refine/receivers.rs",
     ],
     &["src/report/page/content.rs", "src/report/page/figure.rs"],
-    &["src/residuals/smooth_motion.rs", "src/residuals/twist.rs"],
     &["solver/src/linear/coupling.rs", "solver/src/linear/pose_chain.rs", "solver/src/linear/tiles.rs"],
     &[
         "solver/src/system/apart.rs",
