@@ -13,6 +13,8 @@
 //! as far as `tests/floor_plan.rs` says.
 
 pub mod geometry;
+pub mod rules;
+pub mod stats;
 pub mod tables;
 
 pub mod camera;

@@ -127,6 +127,33 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "wanted a number of seconds of at least 0".to_owned())
 }
 
+impl Arguments {
+    fn options(&self) -> EvaluateOptions {
+        EvaluateOptions {
+            clock: self.clock_offset,
+            shift: match self.clock_shift {
+                FreeShift::Free => Shift::Free,
+                FreeShift::None => Shift::None,
+            },
+            association: match self.association {
+                Associated::Interpolated => Association::Interpolated,
+                Associated::Nearest => Association::Nearest { max_gap_s: self.max_gap },
+            },
+            alignment: match self.alignment {
+                Aligning::None => Alignment::None,
+                Aligning::Rigid => Alignment::Rigid,
+                Aligning::Similarity => Alignment::Similarity,
+            },
+            registering: match self.registration {
+                Registration::None => Registering::None,
+                Registration::Given => Registering::Given,
+                Registration::Icp => Registering::Icp,
+            },
+            sigma_limit_m: self.sigma_limit,
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(target) = &arguments.out {
@@ -161,28 +188,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let Input { inventory, reference, problem, mut warnings } = input;
 
-    let options = EvaluateOptions {
-        clock: arguments.clock_offset,
-        shift: match arguments.clock_shift {
-            FreeShift::Free => Shift::Free,
-            FreeShift::None => Shift::None,
-        },
-        association: match arguments.association {
-            Associated::Interpolated => Association::Interpolated,
-            Associated::Nearest => Association::Nearest { max_gap_s: arguments.max_gap },
-        },
-        alignment: match arguments.alignment {
-            Aligning::None => Alignment::None,
-            Aligning::Rigid => Alignment::Rigid,
-            Aligning::Similarity => Alignment::Similarity,
-        },
-        registering: match arguments.registration {
-            Registration::None => Registering::None,
-            Registration::Given => Registering::Given,
-            Registration::Icp => Registering::Icp,
-        },
-        sigma_limit_m: arguments.sigma_limit,
-    };
+    let options = arguments.options();
     if arguments.max_gap.is_some() && matches!(options.association, Association::Interpolated) {
         warnings.push("--max-gap counts with --association nearest only".to_owned());
     }

@@ -7,7 +7,7 @@
 //! by up to `j h^3 / 15`. Two samples alone are joined by a line. Nothing is said outside the samples, nor
 //! in a gap.
 
-use super::quantile::median;
+use crate::stats::quantile::median;
 use nalgebra::{Point3, Vector3};
 
 /// Steps longer than so many times their median are gaps.

@@ -10,16 +10,15 @@
 
 pub mod curve;
 mod precision;
-pub mod quantile;
 #[cfg(test)]
 pub(crate) mod tests;
 
+use crate::stats::quantile::median;
 use argmin::core::{CostFunction, Error, Executor};
 use argmin::solver::brent::BrentOpt;
 use curve::Curve;
 use nalgebra::Vector2;
 use precision::{Precision, precision};
-use quantile::median;
 use trackbundle_solver::loss::{Loss, LossName, robust_spread};
 
 /// Offsets are sought up to this, on either side \[s\].

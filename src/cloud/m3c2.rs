@@ -7,14 +7,12 @@
 
 use super::index::CloudIndex;
 use super::plane::LocalPlane;
+use crate::stats::normal::TWO_SIDED_95;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 /// Fewer points than this have no scatter that a level of detection could be built on.
 pub const FEWEST: usize = 4;
-
-/// The 95 % point of a normal distribution, two-sided.
-const TWO_SIDED_95: f64 = 1.96;
 
 /// The scales of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -16,6 +16,7 @@ use super::index::{CloudError, CloudIndex};
 use super::plane::NEIGHBOURS;
 use super::surface::{Offset, Surface, thinned};
 use crate::geometry::{Pose, rotation, skew};
+use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix3x6, Matrix6, Point3, SymmetricEigen, Translation3, Vector3, Vector6};
 use rayon::prelude::*;
 
@@ -228,10 +229,7 @@ fn stepped(step: &Vector6<f64>, motion: &Pose) -> Pose {
 
 /// The middle of points per axis, and the middle distance from there.
 fn middle(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
-    let median = |mut values: Vec<f64>| {
-        let half = values.len() / 2;
-        *values.select_nth_unstable_by(half, f64::total_cmp).1
-    };
+    let median = |values: Vec<f64>| upper_median(values).unwrap_or(0.0);
     let centre = Point3::from([0, 1, 2].map(|axis| median(points.iter().map(|p| p[axis]).collect())));
     let size_m = median(points.iter().map(|p| (p - centre).norm()).collect());
     (centre, size_m.max(1e-6))
@@ -272,82 +270,149 @@ pub fn register(
     start: &Pose,
     options: &RegisterOptions,
 ) -> Result<Registration, RegisterError> {
-    // Everything is relative to the middle of the fixed cloud: motions below start from none.
-    let (centre, size_m) = middle(fixed.points());
-    let fixed_points: Vec<Point3<f64>> = fixed.points().iter().map(|p| p - centre.coords).collect();
-    let moving: Vec<Point3<f64>> = moving.iter().map(|p| start * p - centre.coords).collect();
-    let moving = thinned(&moving, options.most_points);
-    let surface = Surface::new(thinned(&fixed_points, options.most_points), options.neighbours)?;
-    let back = Surface::new(moving.clone(), options.neighbours)?;
-    let is_dense = |a: f64, b: f64| a < 2.0 * b;
-    let reaches = surface.reach_m().zip(back.reach_m());
-    let back = Some(back).filter(|_| reaches.is_some_and(|(fixed, moving)| is_dense(moving, fixed)));
-
-    let mut motion = Pose::identity();
-    let mut mixture = Mixture { share: 0.5, sigma_m: FIRST_SIGMA_M, gate_m: options.gate_m };
-    let start_weight = |axis: usize| {
-        let sigma = if axis < 3 { options.start_sigma_m } else { options.start_sigma_rad };
-        sigma.powi(-2)
-    };
-    let units = Vector6::from_fn(|axis, _| if axis < 3 { 1.0 } else { 1.0 / size_m });
-    let length = |step: &Vector6<f64>| step.component_div(&units).norm();
-    let variance_scale = if back.is_some() { BOTH_WAYS_VARIANCE } else { 1.0 };
-    let (mut iterations, mut is_converged) = (0, false);
-    let mut covariance = Matrix6::zeros();
-    let mut last = Equations { matrix: Matrix6::zeros(), right: Vector6::zeros(), noise: 0.0 };
-    while iterations < options.most_iterations && !is_converged {
-        let mut observations = observe(&moving, &surface, &motion);
-        let near = observations.iter().filter(|one| one.offset.height_m.abs() <= options.gate_m).count();
-        if near < FEWEST {
-            return Err(RegisterError::Apart(near));
-        }
-        if let Some(back) = &back {
-            observations.extend(observe_back(surface.points(), back, &motion));
-        }
-        mixture.fit(&observations);
-        last = equations(&observations, &mixture);
-        let moved = joined(&motion.translation.vector, &rotation::log(&motion.rotation));
-        let (mut matrix, mut right) = (last.matrix / variance_scale, last.right / variance_scale);
-        for axis in 0..6 {
-            matrix[(axis, axis)] += start_weight(axis);
-            right[axis] -= start_weight(axis) * moved[axis];
-        }
-        let Some(inverse) = matrix.cholesky().map(|factor| factor.inverse()) else { break };
-        let step = inverse * right * if iterations < HALVED_FROM { 1.0 } else { 0.5 };
-        motion = stepped(&step, &motion);
-        iterations += 1;
-        covariance = inverse;
-        let sigma_m = Vector6::from_fn(|axis, _| inverse[(axis, axis)].sqrt());
-        is_converged = length(&step) < SMALL_STEP * length(&sigma_m);
-    }
-
-    let heights = observe(&moving, &surface, &motion);
-    let belongs: Vec<f64> = heights.iter().map(|one| mixture.belongs(&one.offset)).collect();
-    let members: f64 = belongs.iter().sum();
-    let squares: f64 =
-        heights.iter().zip(&belongs).map(|(one, belongs)| belongs * one.offset.height_m.powi(2)).sum();
-    let mut found = Registration {
-        fixed_from_moving: motion,
-        iterations,
-        is_converged,
-        overlap: members / moving.len() as f64,
-        rms_m: if members > 0.0 { (squares / members).sqrt() } else { 0.0 },
-        coincides: false,
-        centre,
-        covariance,
-        undetermined: undetermined(&last, &units),
-    };
-    let spacing_m = surface.reach_m().map_or(0.0, |reach| reach / (options.neighbours as f64 / 3.0).sqrt());
-    if let Some(same) = coincident(&moving, fixed, &centre, &motion, spacing_m) {
+    let pair = Pair::new(moving, fixed, start, options)?;
+    let nearest = pair.iterate()?;
+    let mut found = pair.registration(&nearest);
+    if let Some(same) = pair.coincident(&nearest.motion) {
         found.fixed_from_moving = same.motion;
         found.rms_m = same.rms_m;
         found.covariance = same.covariance;
         (found.coincides, found.is_converged) = (true, true);
         found.undetermined.clear();
     }
-    let to = Translation3::from(centre.coords);
+    let to = Translation3::from(pair.centre.coords);
     found.fixed_from_moving = to * found.fixed_from_moving * to.inverse() * start;
     Ok(found)
+}
+
+/// Two clouds that are registered, relative to the middle of the fixed one: motions start from none.
+struct Pair<'a> {
+    fixed: &'a CloudIndex,
+    options: &'a RegisterOptions,
+    centre: Point3<f64>,
+    size_m: f64,
+    moving: Vec<Point3<f64>>,
+    surface: Surface,
+    /// The surface of the moving cloud, where that is dense enough.
+    back: Option<Surface>,
+}
+
+/// Where iterations ended.
+struct Iterated {
+    motion: Pose,
+    mixture: Mixture,
+    iterations: usize,
+    is_converged: bool,
+    covariance: Matrix6<f64>,
+    equations: Equations,
+}
+
+impl<'a> Pair<'a> {
+    fn new(
+        moving: &[Point3<f64>],
+        fixed: &'a CloudIndex,
+        start: &Pose,
+        options: &'a RegisterOptions,
+    ) -> Result<Self, RegisterError> {
+        let (centre, size_m) = middle(fixed.points());
+        let fixed_points: Vec<Point3<f64>> = fixed.points().iter().map(|p| p - centre.coords).collect();
+        let moving: Vec<Point3<f64>> = moving.iter().map(|p| start * p - centre.coords).collect();
+        let moving = thinned(&moving, options.most_points);
+        let surface = Surface::new(thinned(&fixed_points, options.most_points), options.neighbours)?;
+        let back = Surface::new(moving.clone(), options.neighbours)?;
+        let is_dense = |a: f64, b: f64| a < 2.0 * b;
+        let reaches = surface.reach_m().zip(back.reach_m());
+        let back = Some(back).filter(|_| reaches.is_some_and(|(fixed, moving)| is_dense(moving, fixed)));
+        Ok(Pair { fixed, options, centre, size_m, moving, surface, back })
+    }
+
+    /// Of a step, so that all six count alike.
+    fn units(&self) -> Vector6<f64> {
+        Vector6::from_fn(|axis, _| if axis < 3 { 1.0 } else { 1.0 / self.size_m })
+    }
+
+    /// The weight of the start in an axis.
+    fn start_weight(&self, axis: usize) -> f64 {
+        let sigma = if axis < 3 { self.options.start_sigma_m } else { self.options.start_sigma_rad };
+        sigma.powi(-2)
+    }
+
+    /// Heights of either cloud over the surface of the other.
+    fn observations(&self, motion: &Pose) -> Result<Vec<Observation>, RegisterError> {
+        let mut observations = observe(&self.moving, &self.surface, motion);
+        let is_near = |one: &&Observation| one.offset.height_m.abs() <= self.options.gate_m;
+        let near = observations.iter().filter(is_near).count();
+        if near < FEWEST {
+            return Err(RegisterError::Apart(near));
+        }
+        if let Some(back) = &self.back {
+            observations.extend(observe_back(self.surface.points(), back, motion));
+        }
+        Ok(observations)
+    }
+
+    /// Iterated closest points.
+    fn iterate(&self) -> Result<Iterated, RegisterError> {
+        let gate_m = self.options.gate_m;
+        let mut now = Iterated {
+            motion: Pose::identity(),
+            mixture: Mixture { share: 0.5, sigma_m: FIRST_SIGMA_M, gate_m },
+            iterations: 0,
+            is_converged: false,
+            covariance: Matrix6::zeros(),
+            equations: Equations { matrix: Matrix6::zeros(), right: Vector6::zeros(), noise: 0.0 },
+        };
+        let units = self.units();
+        let length = |step: &Vector6<f64>| step.component_div(&units).norm();
+        let variance_scale = if self.back.is_some() { BOTH_WAYS_VARIANCE } else { 1.0 };
+        while now.iterations < self.options.most_iterations && !now.is_converged {
+            let observations = self.observations(&now.motion)?;
+            now.mixture.fit(&observations);
+            now.equations = equations(&observations, &now.mixture);
+            let moved = joined(&now.motion.translation.vector, &rotation::log(&now.motion.rotation));
+            let mut matrix = now.equations.matrix / variance_scale;
+            let mut right = now.equations.right / variance_scale;
+            for axis in 0..6 {
+                matrix[(axis, axis)] += self.start_weight(axis);
+                right[axis] -= self.start_weight(axis) * moved[axis];
+            }
+            let Some(inverse) = matrix.cholesky().map(|factor| factor.inverse()) else { break };
+            let step = inverse * right * if now.iterations < HALVED_FROM { 1.0 } else { 0.5 };
+            now.motion = stepped(&step, &now.motion);
+            now.iterations += 1;
+            now.covariance = inverse;
+            let sigma_m = Vector6::from_fn(|axis, _| inverse[(axis, axis)].sqrt());
+            now.is_converged = length(&step) < SMALL_STEP * length(&sigma_m);
+        }
+        Ok(now)
+    }
+
+    /// What is told of the end of iterations; the motion is still about the middle of the fixed cloud.
+    fn registration(&self, end: &Iterated) -> Registration {
+        let heights = observe(&self.moving, &self.surface, &end.motion);
+        let belongs: Vec<f64> = heights.iter().map(|one| end.mixture.belongs(&one.offset)).collect();
+        let members: f64 = belongs.iter().sum();
+        let squares: f64 =
+            heights.iter().zip(&belongs).map(|(one, belongs)| belongs * one.offset.height_m.powi(2)).sum();
+        Registration {
+            fixed_from_moving: end.motion,
+            iterations: end.iterations,
+            is_converged: end.is_converged,
+            overlap: members / self.moving.len() as f64,
+            rms_m: if members > 0.0 { (squares / members).sqrt() } else { 0.0 },
+            coincides: false,
+            centre: self.centre,
+            covariance: end.covariance,
+            undetermined: undetermined(&end.equations, &self.units()),
+        }
+    }
+
+    /// The motion by which points of both clouds coincide, where they are copies of one scan.
+    fn coincident(&self, start: &Pose) -> Option<Coincident> {
+        let neighbours = self.options.neighbours as f64;
+        let spacing_m = self.surface.reach_m().map_or(0.0, |reach| reach / (neighbours / 3.0).sqrt());
+        coincident(&self.moving, self.fixed, &self.centre, start, spacing_m)
+    }
 }
 
 /// Directions with no more information than noise of normals makes, largest uncertainty first.

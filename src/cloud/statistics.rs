@@ -1,5 +1,7 @@
 //! What many distances are like, all alike or weighted by what is known of their points.
 
+use crate::stats::weighted::{WeightedSample, weighted_quantile};
+
 /// Shares of the points for which the distance is stated that they do not exceed.
 pub const PERCENTILES: [f64; 4] = [0.50, 0.68, 0.90, 0.95];
 
@@ -46,7 +48,7 @@ impl DistanceStatistics {
         let total: f64 = pairs.iter().map(|(_, w)| w).sum();
         let mean = |f: &dyn Fn(f64) -> f64| pairs.iter().map(|(d, w)| w * f(*d)).sum::<f64>() / total;
         let median_m = weighted_quantile(of(&|d| d), 0.5)?;
-        let unsigned = Sorted::new(of(&f64::abs))?;
+        let unsigned = WeightedSample::new(of(&f64::abs))?;
         Some(DistanceStatistics {
             count: pairs.len(),
             median_m,
@@ -73,43 +75,6 @@ pub fn precision_weight(s0_m: f64, sigma_m: f64) -> f64 {
     1.0 / (s0_m * s0_m + sigma_m * sigma_m)
 }
 
-/// Values in order, each with the place of the middle of its weight.
-struct Sorted {
-    values: Vec<(f64, f64)>,
-}
-
-impl Sorted {
-    fn new(mut pairs: Vec<(f64, f64)>) -> Option<Self> {
-        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        let mut before = 0.0;
-        for (_, weight) in &mut pairs {
-            let middle = before + 0.5 * *weight;
-            before += *weight;
-            *weight = middle;
-        }
-        (!pairs.is_empty()).then_some(Sorted { values: pairs })
-    }
-
-    fn quantile(&self, share: f64) -> f64 {
-        let (first, last) = (self.values[0], self.values[self.values.len() - 1]);
-        let place = first.1 + share.clamp(0.0, 1.0) * (last.1 - first.1);
-        let above = self.values.partition_point(|(_, middle)| *middle < place);
-        if above == 0 {
-            return first.0;
-        }
-        let Some(b) = self.values.get(above) else { return last.0 };
-        let a = self.values[above - 1];
-        a.0 + (place - a.1) / (b.1 - a.1) * (b.0 - a.0)
-    }
-}
-
-/// The value below which this share of the weight lies. Each value stands at the middle of its weight in
-/// the running sum, and between two of them it is linear; the share 0 is the least value, 1 the largest.
-/// With equal weights this is type 7 of Hyndman and Fan (1996). `None` without values; weights are positive.
-pub fn weighted_quantile(values_and_weights: Vec<(f64, f64)>, share: f64) -> Option<f64> {
-    Sorted::new(values_and_weights).map(|sorted| sorted.quantile(share))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -126,20 +91,6 @@ mod tests {
         assert!((found.percentiles_m[0] - 0.02).abs() < 1e-15);
         assert!((found.percentiles_m[3] - (0.04 + 0.8 * 0.96)).abs() < 1e-12);
         assert_eq!(DistanceStatistics::of(&[f64::NAN]), None);
-    }
-
-    #[test]
-    fn equal_weights_give_type_7() {
-        let mut draws = Draws::new(6);
-        let mut values: Vec<f64> = (0..57).map(|_| draws.normal()).collect();
-        let pairs: Vec<(f64, f64)> = values.iter().map(|v| (*v, 0.3)).collect();
-        values.sort_by(f64::total_cmp);
-        for share in [0.0, 0.1, 0.5, 0.68, 0.95, 1.0] {
-            let place: f64 = 56.0 * share;
-            let (below, above) = (values[place as usize], values[(place as usize + 1).min(56)]);
-            let wanted = below + place.fract() * (above - below);
-            assert!((weighted_quantile(pairs.clone(), share).unwrap() - wanted).abs() < 1e-12);
-        }
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 use super::index::{CloudError, CloudIndex};
 use super::plane::LocalPlane;
+use crate::stats::normal::MAD_TO_SIGMA_ROUNDED;
+use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -85,10 +87,9 @@ impl Patch {
         for round in 0..ROUNDS {
             let off = |(term, at): &(Vector6<f64>, f64)| at - term.dot(&height);
             if round > 0 {
-                let mut size: Vec<f64> = local.iter().map(|one| off(one).abs()).collect();
-                size.sort_by(f64::total_cmp);
+                let size = upper_median(local.iter().map(|one| off(one).abs()).collect()).unwrap_or(0.0);
                 // The fit takes six of the neighbours' freedoms; what is left is scaled up for that.
-                let scale = 1.3 * 1.4826 * size[size.len() / 2] + 1e-9;
+                let scale = 1.3 * MAD_TO_SIGMA_ROUNDED * size + 1e-9;
                 for (weight, one) in weights.iter_mut().zip(&local) {
                     *weight = (1.0 - (off(one) / (4.0 * scale)).powi(2)).max(0.0).powi(2);
                 }

@@ -9,11 +9,11 @@
 //!
 //! so that its covariance is that of the image points, `N^-1`, and that of the cameras, all frames together.
 
-use super::distribution::chi_square_exceeded;
 use crate::estimate::Estimate;
 use crate::problem::Problem;
 use crate::refine::{CheckPoint, Network};
 use crate::residuals::target_image_point::TargetImagePoint;
+use crate::stats::chi_square::chi_square_exceeded;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::sync::Arc;
 use trackbundle_solver::covariance::Covariance;

@@ -4,7 +4,6 @@
 //! normal equations of accepted image points and what is known.
 
 mod check_points;
-mod distribution;
 mod expectation;
 mod inner;
 mod moment;

@@ -15,7 +15,7 @@ use super::inner::UNDETERMINED;
 use super::scale::{share, track_shift};
 use crate::estimate::{Estimate, USUAL_AXLE};
 use crate::problem::{Freedom, Problem};
-use crate::refine::{Network, Source};
+use crate::refine::{Model, Network, Source};
 use nalgebra::DMatrix;
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::system::BlockId;
@@ -75,45 +75,56 @@ struct Place {
 
 fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Place> {
     let model = &network.model;
+    let mut all = camera_places(problem, estimate, model);
+    all.extend(problem.ground.as_ref().map(|ground| Place {
+        block: model.terrain_bias(),
+        at: 0,
+        from: None,
+        name: "terrain_bias_m",
+        of: None,
+        before: 0.0,
+        sigma_before: Some(ground.bias_sigma_m),
+        value: estimate.terrain_bias_m,
+    }));
+    all.extend(axle_places(problem, estimate, model));
+    all.extend(receiver_places(problem, estimate, model));
+    all.retain(|place| {
+        model.system.range_of(place.block).is_some() && model.system.free(place.block)[place.at]
+    });
+    all
+}
+
+/// The interior orientation and the readout time.
+fn camera_places(problem: &Problem, estimate: &Estimate, model: &Model) -> Vec<Place> {
+    let Some([interior, readout]) = model.open_camera() else { return Vec::new() };
+    let names = problem.camera.interior_names();
+    let (before, now) = (problem.camera.interior(), estimate.camera.interior());
+    let of_interior = problem.calibration.iter().enumerate().map(|(at, freedom)| Place {
+        block: interior,
+        at,
+        from: None,
+        name: names[at],
+        of: None,
+        before: before[at],
+        sigma_before: sigma_of(*freedom),
+        value: now[at],
+    });
+    let readout = Place {
+        block: readout,
+        at: 0,
+        from: None,
+        name: "readout_s",
+        of: None,
+        before: problem.shutter.readout_s,
+        sigma_before: sigma_of(problem.shutter.freedom),
+        value: estimate.readout_s,
+    };
+    of_interior.chain([readout]).collect()
+}
+
+/// The rear axles of vehicles.
+fn axle_places(problem: &Problem, estimate: &Estimate, model: &Model) -> Vec<Place> {
     let mut all = Vec::new();
-    if let Some([interior, readout]) = model.open_camera() {
-        let names = problem.camera.interior_names();
-        let (before, now) = (problem.camera.interior(), estimate.camera.interior());
-        for (at, freedom) in problem.calibration.iter().enumerate() {
-            all.push(Place {
-                block: interior,
-                at,
-                from: None,
-                name: names[at],
-                of: None,
-                before: before[at],
-                sigma_before: sigma_of(*freedom),
-                value: now[at],
-            });
-        }
-        all.push(Place {
-            block: readout,
-            at: 0,
-            from: None,
-            name: "readout_s",
-            of: None,
-            before: problem.shutter.readout_s,
-            sigma_before: sigma_of(problem.shutter.freedom),
-            value: estimate.readout_s,
-        });
-    }
-    if let Some(ground) = &problem.ground {
-        all.push(Place {
-            block: model.terrain_bias(),
-            at: 0,
-            from: None,
-            name: "terrain_bias_m",
-            of: None,
-            before: 0.0,
-            sigma_before: Some(ground.bias_sigma_m),
-            value: estimate.terrain_bias_m,
-        });
-    }
     for (at, vehicle) in problem.vehicles.iter().enumerate() {
         let Some(axle) = model.axle(at) else { continue };
         for (k, name) in ["rear_axle_x_m", "rolling_direction_rad"].into_iter().enumerate() {
@@ -129,6 +140,12 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
             });
         }
     }
+    all
+}
+
+/// Clocks, shifts and lever arms of receivers.
+fn receiver_places(problem: &Problem, estimate: &Estimate, model: &Model) -> Vec<Place> {
+    let mut all = Vec::new();
     for (at, (receiver, found)) in problem.receivers.iter().zip(&estimate.receivers).enumerate() {
         let (Some(numbers), Some(antenna)) = (model.receiver(at), model.antenna(at)) else { continue };
         let known = &receiver.knowledge;
@@ -152,9 +169,6 @@ fn places(problem: &Problem, estimate: &Estimate, network: &Network) -> Vec<Plac
             }
         }
     }
-    all.retain(|place| {
-        model.system.range_of(place.block).is_some() && model.system.free(place.block)[place.at]
-    });
     all
 }
 

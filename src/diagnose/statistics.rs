@@ -14,17 +14,19 @@
 //! (Foerstner 1979 and 1987; Baarda 1968.) Standard deviations are those stated, or where image points proved
 //! to be of another quality, those that were estimated.
 
-use super::distribution::{chi_square_exceeded, chi_square_quantile};
 use crate::network::{Nature, Source};
 use crate::problem::Problem;
 use crate::refine::{Adjustment, Network};
+use crate::stats::chi_square::{chi_square_exceeded, chi_square_quantile};
+use crate::stats::normal::TWO_SIDED_99_9;
+use crate::stats::quantile::upper_median;
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::system::GroupId;
 
 /// Non-centrality at which a test of level 0.1 % finds an error in 80 % of cases.
 pub const NON_CENTRALITY: f64 = 4.13;
 /// Critical value of a standardised residual at a level of 0.1 %.
-pub const CRITICAL: f64 = 3.29;
+pub const CRITICAL: f64 = TWO_SIDED_99_9;
 /// Level of the test of sigma0, two-sided.
 pub const LEVEL: f64 = 0.05;
 /// A row whose redundancy number is less is checked by nothing.
@@ -248,9 +250,9 @@ fn reliability(rows: &[Row]) -> Reliability {
     if rows.is_empty() {
         return Reliability::default();
     }
-    let median_and_last = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        [values[values.len() / 2], values[values.len() - 1]]
+    let median_and_last = |values: Vec<f64>| {
+        let last = values.iter().copied().max_by(f64::total_cmp);
+        [upper_median(values), last].map(|value| value.unwrap_or(f64::NAN))
     };
     let detectable = |row: &Row| match row.redundancy > UNCHECKED {
         true => NON_CENTRALITY * row.sigma_px / row.redundancy.sqrt(),

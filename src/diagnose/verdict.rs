@@ -4,6 +4,8 @@ use super::observability::{Class, Observability};
 use super::{Diagnosis, Source, source_name};
 use crate::problem::Problem;
 use crate::refine::Adjustment;
+use crate::stats::normal::TWO_SIDED_99_9;
+use crate::stats::quantile::upper_median;
 
 /// A scale that is held less well than this is said so, relative.
 const WEAK_SCALE: f64 = 0.02;
@@ -162,7 +164,8 @@ impl Verdict {
                 if sigmas.is_empty() {
                     continue;
                 }
-                let medians = [0, 1, 2].map(|axis| median(sigmas.iter().map(|s| s[axis]).collect()));
+                let medians = [0, 1, 2]
+                    .map(|axis| upper_median(sigmas.iter().map(|s| s[axis]).collect()).unwrap_or(f64::NAN));
                 let open = sigmas.iter().filter(|s| s.iter().any(|v| v.is_infinite())).count();
                 let mut text = format!(
                     "of {}: median sigma x {}, y {}, z {}",
@@ -196,7 +199,7 @@ impl Verdict {
                 .iter()
                 .filter_map(|c| {
                     let factor = c.sigma_factor()?;
-                    let is_sure = (factor.ln() / c.relative_sigma()).abs() > 3.29;
+                    let is_sure = (factor.ln() / c.relative_sigma()).abs() > TWO_SIDED_99_9;
                     (is_sure && factor.max(1.0 / factor) > OTHER_SCATTER)
                         .then(|| format!("{} scatter {factor:.2} times as stated", source_name(c.source)))
                 })
@@ -235,7 +238,7 @@ impl Verdict {
                 "reliability",
                 format!(
                     "errors of an image point from {:.1} px are found; the worst that is not found moves a result by {worst:.1} sigma",
-                    median(detectable)
+                    upper_median(detectable).unwrap_or(f64::NAN)
                 ),
             ));
         }
@@ -323,11 +326,6 @@ impl Verdict {
         lines.extend(self.facts.iter().cloned());
         lines
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
 
 fn percent(share: f64) -> String {

@@ -14,6 +14,7 @@ pub use crate::clock;
 pub use crate::clock::curve;
 use crate::files::{ResultPoint, TrackPosition};
 use crate::reference::{GnssPosition, Reference, TrueShape};
+use crate::stats::quantile::median;
 use alignment::Alignment;
 use clock::{ClockOffset, Shift, clock_offset};
 use curve::Curve;
@@ -174,9 +175,7 @@ fn is_used(vehicle: &str, positions: &[GnssPosition], used: &[(String, Point3<f6
 /// deviations: it is not among what is left, and comes beside it.
 fn with_drift(clock: ClockOffset, track: &[TrackPosition]) -> ClockOffset {
     let ClockOffset::Estimated(found) = clock else { return clock };
-    let sigma = |axis: usize| {
-        clock::quantile::median(track.iter().filter_map(|at| at.sigma_m[axis]).collect()).unwrap_or(0.0)
-    };
+    let sigma = |axis: usize| median(track.iter().filter_map(|at| at.sigma_m[axis]).collect()).unwrap_or(0.0);
     let drift_s = (found.by_drift_s[0] * sigma(0)).hypot(found.by_drift_s[1] * sigma(1));
     ClockOffset::Estimated(clock::ClockEstimate { sigma_s: found.sigma_s.hypot(drift_s), ..found })
 }

@@ -1,9 +1,9 @@
 //! Association: which frame is compared with which place of the reference.
 
-use super::statistics::median;
 use crate::clock::curve::{Curve, Place};
 use crate::files::TrackPosition;
 use crate::reference::GnssPosition;
+use crate::stats::quantile::median;
 use nalgebra::Point3;
 
 /// What is compared with what.

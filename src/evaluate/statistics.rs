@@ -1,9 +1,7 @@
 //! What many differences are like.
 
-pub use crate::clock::quantile::{median, quantile};
-
-/// By what a median absolute deviation is multiplied to be the standard deviation of a normal distribution.
-pub const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
+use crate::stats::normal::MAD_TO_SIGMA;
+use crate::stats::quantile::{median, quantile};
 
 /// Differences in a few numbers, in their unit.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,10 +2,11 @@
 
 use super::alignment::{Aligned, Alignment};
 use super::pairs::{Association, Pair, pairs};
-use super::statistics::{Distances, HalfWidth, Statistics, half_width_at_half_maximum, median, quantile};
+use super::statistics::{Distances, HalfWidth, Statistics, half_width_at_half_maximum};
 use crate::clock::curve::Curve;
 use crate::files::TrackPosition;
 use crate::reference::GnssPosition;
+use crate::stats::quantile::{median, quantile};
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 /// A reference that moves more slowly than this has no direction \[m/s\].

@@ -16,6 +16,8 @@ use super::pattern::Pattern;
 use super::rigid_motion::PlanePose;
 use crate::geometry::{Pose, heading_rad};
 use crate::problem::ShapePoint;
+use crate::stats::normal::MEDIAN_OF_SIZE;
+use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix2, Point3, Rotation2, SymmetricEigen, Vector2};
 
 /// Bounds of the length of the steps from which a direction is taken \[m\], and how many are wanted.
@@ -189,9 +191,8 @@ fn direction_along(
         let (sine, cosine) = angle.sin_cos();
         let (along, left) = (Vector2::new(cosine, sine), Vector2::new(-sine, cosine));
         let off: Vec<f64> = steps.iter().map(|(v, w)| left.dot(v) + axle_m * w).collect();
-        let mut sorted: Vec<f64> = off.iter().map(|o| o.abs()).collect();
-        sorted.sort_by(f64::total_cmp);
-        let scale = (1.5 * sorted[sorted.len() / 2]).max(0.02 * step_m);
+        let size = upper_median(off.iter().map(|o| o.abs()).collect())?;
+        let scale = (1.5 * size).max(0.02 * step_m);
         // Noise of the turns would draw the axle to the middle; it is outweighed.
         let tie = (scale / sigma_m).powi(2) + 8.0 * steps.len() as f64 * turn_noise.powi(2);
         let mut normal = Matrix2::new(1e-9, 0.0, 0.0, tie);
@@ -223,30 +224,23 @@ fn nearest_direction(steps: &[(Vector2<f64>, f64)]) -> f64 {
 /// Scatter of a sequence from frame to frame, in its unit: of its second differences.
 pub fn scatter(values: impl IntoIterator<Item = f64>) -> f64 {
     let values: Vec<f64> = values.into_iter().collect();
-    let mut bends: Vec<f64> = values.windows(3).map(|v| (v[0] - 2.0 * v[1] + v[2]).abs()).collect();
-    if bends.is_empty() {
-        return 0.0;
-    }
-    bends.sort_by(f64::total_cmp);
-    // A bend has the variance 6; the size of a unit normal number has the median 0.6745.
-    bends[bends.len() / 2] / (6_f64.sqrt() * 0.6745)
+    let bends = values.windows(3).map(|v| (v[0] - 2.0 * v[1] + v[2]).abs()).collect();
+    // A bend has the variance 6.
+    upper_median(bends).map_or(0.0, |bend| bend / (6_f64.sqrt() * MEDIAN_OF_SIZE))
 }
 
 /// A path without single outliers (medians of five) and, as far as its scatter asks for it, averaged;
 /// and what it still scatters \[m\].
 fn calmed(path: &[PlanePose]) -> (Vec<PlanePose>, f64) {
-    let around = |path: &[PlanePose], at: usize, reach: usize, of: fn(&mut [f64]) -> f64| {
+    let around = |path: &[PlanePose], at: usize, reach: usize, of: fn(Vec<f64>) -> f64| {
         let reach = reach.min(at).min(path.len() - 1 - at);
         let window = &path[at - reach..=at + reach];
-        let of = |value: fn(&PlanePose) -> f64| of(&mut window.iter().map(value).collect::<Vec<_>>());
+        let of = |value: fn(&PlanePose) -> f64| of(window.iter().map(value).collect());
         let place_m = Vector2::new(of(|p| p.place_m.x), of(|p| p.place_m.y));
         PlanePose { place_m, heading_rad: of(|p| p.heading_rad) }
     };
-    let median: fn(&mut [f64]) -> f64 = |values| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let mean: fn(&mut [f64]) -> f64 = |values| values.iter().sum::<f64>() / values.len() as f64;
+    let median: fn(Vec<f64>) -> f64 = |values| upper_median(values).unwrap_or(0.0);
+    let mean: fn(Vec<f64>) -> f64 = |values| values.iter().sum::<f64>() / values.len() as f64;
     let [x, y] = [0, 1].map(|axis| scatter(path.iter().map(|p| p.place_m[axis])));
     let noise_m = x.max(y);
     let medians: Vec<PlanePose> = (0..path.len()).map(|at| around(path, at, 2, median)).collect();
@@ -270,11 +264,7 @@ fn pattern_center(pattern: &Pattern, part: usize) -> Vector2<f64> {
 }
 
 fn median_place(places: &[Vector2<f64>]) -> Vector2<f64> {
-    let median = |axis: usize| {
-        let mut values: Vec<f64> = places.iter().map(|p| p[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(0.0)
-    };
+    let median = |axis: usize| upper_median(places.iter().map(|p| p[axis]).collect()).unwrap_or(0.0);
     Vector2::new(median(0), median(1))
 }
 

@@ -16,6 +16,8 @@
 use crate::geometry::Pose;
 use crate::problem::Known;
 use crate::residuals::inside_body::BODY_MIDDLE_M;
+use crate::stats::normal::median_of_norm_2;
+use crate::stats::quantile::upper_median;
 use nalgebra::{Dyn, Matrix3, OMatrix, OVector, Point3, U3, Vector2, Vector3};
 use trackbundle_solver::loss::LossName;
 
@@ -110,10 +112,7 @@ impl LinearPoint {
     /// What the residuals of the rays scatter at a point, in standard deviations, and at least 1; half
     /// of them may be gross.
     pub fn spread(&self, point: &Point3<f64>) -> f64 {
-        let mut norms = self.residual_norms(point);
-        norms.sort_by(f64::total_cmp);
-        // The norm of two unit normal numbers has the median sqrt(2 ln 2).
-        (norms[norms.len() / 2] / (2.0 * 2_f64.ln()).sqrt()).max(1.0)
+        upper_median(self.residual_norms(point)).map_or(1.0, |norm| (norm / median_of_norm_2()).max(1.0))
     }
 
     /// The same rows and three more, which draw the point to the middle of a car as much as rays that
@@ -153,13 +152,12 @@ impl LinearPoint {
 
     /// Whether some sightings fit much worse than most.
     pub fn has_heavy_tails(&self, point: &Point3<f64>) -> bool {
-        let mut norms = self.residual_norms(point);
+        let norms = self.residual_norms(point);
         if norms.len() < TAIL_SIGHTINGS {
             return false;
         }
         let mean_square = norms.iter().map(|n| n * n).sum::<f64>() / norms.len() as f64;
-        norms.sort_by(f64::total_cmp);
-        mean_square.sqrt() > HEAVY_TAIL * norms[norms.len() / 2].max(1.0)
+        mean_square.sqrt() > HEAVY_TAIL * upper_median(norms).unwrap_or(0.0).max(1.0)
     }
 }
 

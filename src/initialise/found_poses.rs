@@ -14,6 +14,7 @@ use super::rigid_motion::{PlanePose, chain};
 use crate::camera::Camera;
 use crate::geometry::{Pose, heading_rad};
 use crate::problem::{Frame, Vehicle};
+use crate::stats::quantile::upper_median;
 use crate::terrain::{Ground, Terrain};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use std::f64::consts::TAU;
@@ -269,11 +270,8 @@ fn align_to_given(plane: &mut [Option<PlanePose>], vehicle: &Vehicle) -> bool {
         })
         .collect();
     let Some(first) = offsets.first() else { return false };
-    let median = |of: &dyn Fn(&PlanePose) -> f64| {
-        let mut values: Vec<f64> = offsets.iter().map(of).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
+    let median =
+        |of: &dyn Fn(&PlanePose) -> f64| upper_median(offsets.iter().map(of).collect()).unwrap_or(0.0);
     let near = |angle: f64| angle - ((angle - first.heading_rad) / TAU).round() * TAU;
     let offset = PlanePose {
         place_m: Vector2::new(median(&|o| o.place_m.x), median(&|o| o.place_m.y)),

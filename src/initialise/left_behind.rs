@@ -9,6 +9,7 @@
 //! stay and none is left behind.
 
 use super::forward::Foot;
+use crate::stats::quantile::upper_median;
 use nalgebra::Vector2;
 
 /// What shifts less than this may be said to stay \[m\].
@@ -64,11 +65,7 @@ fn shift_m(track: &[(usize, Vector2<f64>)], is_wanted: impl Fn(usize) -> bool) -
 
 /// The median of each coordinate.
 fn middle(places: Vec<Vector2<f64>>) -> Vector2<f64> {
-    let at = places.len() / 2;
-    let median = |axis: usize| {
-        let mut values: Vec<f64> = places.iter().map(|place| place[axis]).collect();
-        *values.select_nth_unstable_by(at, f64::total_cmp).1
-    };
+    let median = |axis: usize| upper_median(places.iter().map(|place| place[axis]).collect()).unwrap_or(0.0);
     Vector2::new(median(0), median(1))
 }
 

@@ -16,6 +16,7 @@
 //! one, when and by how much is reported. Frames without a datum lie where the motion is smoothest.
 
 use super::robust_dlt::Triplets;
+use crate::stats::quantile::upper_median;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus,
@@ -96,120 +97,205 @@ pub fn fit<const D: usize>(
     if count == 1 || given.len() == 1 {
         return Ok(Motion { values: vec![*first; count], excesses: Vec::new() });
     }
-    let middle: [f64; D] = std::array::from_fn(|axis| {
-        let mut values: Vec<f64> = given.iter().map(|(_, (value, _))| value[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    });
-    let mut sigmas: Vec<f64> = given.iter().map(|(_, (_, sigma))| *sigma).collect();
-    sigmas.sort_by(f64::total_cmp);
-    // Lengths are counted in this unit, in which steps and standard deviations are of the order of 1.
-    let unit = 10.0 * sigmas[sigmas.len() / 2];
-    let mut steps: Vec<f64> = times_s.windows(2).map(|t| t[1] - t[0]).collect();
-    let typical = {
-        let mut sorted = steps.clone();
-        sorted.sort_by(f64::total_cmp);
-        sorted[sorted.len() / 2]
-    };
-    steps.iter_mut().for_each(|h| *h = h.max(1e-6));
+    let program = Program::new(times_s, &given, limits);
+    let values = program.solved().ok_or(NoMotion::NotSolved)?;
+    let excesses = excesses(times_s, &values, limits);
+    Ok(Motion { values, excesses })
+}
 
-    let with_acceleration = limits.acceleration.is_some() && count > 2;
-    let bends = count - 2;
-    let accelerations = if with_acceleration { bends } else { 0 };
-    let x = |at: usize, axis: usize| at * D + axis;
-    let w = |datum: usize, axis: usize| count * D + datum * D + axis;
-    let u = |datum: usize| count * D + given.len() * D + datum;
-    let b = |step: usize| count * D + given.len() * (D + 1) + step;
-    let c = |bend: usize| b(count - 1) + bend;
-    let unknowns = c(0) + accelerations;
-    let mut rows = Triplets::default();
-    let mut right = Vec::new();
-    let mut cones: Vec<SupportedConeT<f64>> = Vec::new();
+/// The program of a motion. Its unknowns are, in this order, `x`, `w`, `u`, `b` and `c`.
+struct Program<'a, const D: usize> {
+    given: &'a [(usize, Datum<D>)],
+    limits: &'a Limits,
+    /// Times between neighbours \[s\].
+    steps: Vec<f64>,
+    typical_step_s: f64,
+    typical_sigma: f64,
+    /// What coordinates are counted from.
+    middle: [f64; D],
+    /// Lengths are counted in this unit, in which steps and standard deviations are of the order of 1.
+    unit: f64,
+}
 
-    for slack in b(0)..unknowns {
-        let at = rows.next_row();
-        rows.add(at, slack, -1.0);
-        right.push(0.0);
+/// Rows of the program, and the cones that they lie in.
+#[derive(Default)]
+struct Cones {
+    rows: Triplets,
+    right: Vec<f64>,
+    cones: Vec<SupportedConeT<f64>>,
+}
+
+impl Cones {
+    fn row(&mut self, right: f64) -> usize {
+        self.right.push(right);
+        self.rows.next_row()
     }
-    cones.push(NonnegativeConeT(unknowns - b(0)));
-    for (datum, (at, (value, sigma))) in given.iter().enumerate() {
-        // (u, (x - d) / s - w) lies in the cone.
-        let row = rows.next_row();
-        rows.add(row, u(datum), -1.0);
-        right.push(0.0);
-        for axis in 0..D {
-            let row = rows.next_row();
-            rows.add(row, x(*at, axis), -unit / sigma);
-            rows.add(row, w(datum, axis), 1.0);
-            right.push(-(value[axis] - middle[axis]) / sigma);
+}
+
+impl<'a, const D: usize> Program<'a, D> {
+    /// Of two times and two data, at least.
+    fn new(times_s: &[f64], given: &'a [(usize, Datum<D>)], limits: &'a Limits) -> Self {
+        let typical = |values: Vec<f64>| upper_median(values).unwrap_or(0.0);
+        let typical_sigma = typical(given.iter().map(|(_, (_, sigma))| *sigma).collect());
+        let steps: Vec<f64> = times_s.windows(2).map(|t| t[1] - t[0]).collect();
+        Program {
+            given,
+            limits,
+            typical_step_s: typical(steps.clone()),
+            steps: steps.into_iter().map(|h| h.max(1e-6)).collect(),
+            typical_sigma,
+            middle: std::array::from_fn(|axis| {
+                typical(given.iter().map(|(_, (value, _))| value[axis]).collect())
+            }),
+            unit: 10.0 * typical_sigma,
         }
-        cones.push(SecondOrderConeT(D + 1));
     }
-    for (step, h) in steps.iter().enumerate() {
-        let row = rows.next_row();
-        rows.add(row, b(step), -1.0);
-        right.push(limits.rate * h / unit);
-        for axis in 0..D {
-            let row = rows.next_row();
-            rows.add(row, x(step + 1, axis), -1.0);
-            rows.add(row, x(step, axis), 1.0);
-            right.push(0.0);
-        }
-        cones.push(SecondOrderConeT(D + 1));
+
+    fn times(&self) -> usize {
+        self.steps.len() + 1
     }
-    // The second divided difference by the values before, at and after, times the step squared.
-    let bend = |at: usize| {
-        let (before, after) = (steps[at], steps[at + 1]);
+
+    fn bends(&self) -> usize {
+        self.steps.len() - 1
+    }
+
+    /// Second differences that are bounded.
+    fn bounded_bends(&self) -> usize {
+        if self.limits.acceleration.is_some() { self.bends() } else { 0 }
+    }
+
+    fn x(&self, at: usize, axis: usize) -> usize {
+        at * D + axis
+    }
+
+    fn w(&self, datum: usize, axis: usize) -> usize {
+        self.times() * D + datum * D + axis
+    }
+
+    fn u(&self, datum: usize) -> usize {
+        self.times() * D + self.given.len() * D + datum
+    }
+
+    fn b(&self, step: usize) -> usize {
+        self.times() * D + self.given.len() * (D + 1) + step
+    }
+
+    fn c(&self, bend: usize) -> usize {
+        self.b(self.steps.len()) + bend
+    }
+
+    fn unknowns(&self) -> usize {
+        self.c(0) + self.bounded_bends()
+    }
+
+    /// The second divided difference by the values before, at and after, times the step squared, and the step.
+    fn bend(&self, at: usize) -> ([f64; 3], f64) {
+        let (before, after) = (self.steps[at], self.steps[at + 1]);
         let h = (before + after) / 2.0;
         ([h / before, -h / before - h / after, h / after], h)
-    };
-    if let Some(most) = limits.acceleration.filter(|_| with_acceleration) {
-        for at in 0..bends {
-            let (weights, h) = bend(at);
-            let row = rows.next_row();
-            rows.add(row, c(at), -1.0);
-            right.push(most * h * h / unit);
+    }
+
+    /// What is given up of a bound is not negative.
+    fn add_given_up(&self, all: &mut Cones) {
+        for slack in self.b(0)..self.unknowns() {
+            let row = all.row(0.0);
+            all.rows.add(row, slack, -1.0);
+        }
+        all.cones.push(NonnegativeConeT(self.unknowns() - self.b(0)));
+    }
+
+    /// `(u, (x - d) / s - w)` of each datum.
+    fn add_data(&self, all: &mut Cones) {
+        for (datum, (at, (value, sigma))) in self.given.iter().enumerate() {
+            let row = all.row(0.0);
+            all.rows.add(row, self.u(datum), -1.0);
             for axis in 0..D {
-                let row = rows.next_row();
-                (0..3).for_each(|k| rows.add(row, x(at + k, axis), -weights[k]));
-                right.push(0.0);
+                let row = all.row(-(value[axis] - self.middle[axis]) / sigma);
+                all.rows.add(row, self.x(*at, axis), -self.unit / sigma);
+                all.rows.add(row, self.w(datum, axis), 1.0);
             }
-            cones.push(SecondOrderConeT(D + 1));
+            all.cones.push(SecondOrderConeT(D + 1));
         }
     }
-    let mut quadratic = Triplets::default();
-    for at in 0..bends {
-        let (weights, h) = bend(at);
-        // |a|^2 h / q^2, where `weights` give a h^2 in units.
-        let weight = h * (unit / (h * h * limits.scatter)).powi(2);
-        for axis in 0..D {
-            for i in 0..3 {
-                for j in i..3 {
-                    quadratic.add(x(at + i, axis), x(at + j, axis), weight * weights[i] * weights[j]);
+
+    /// The bound of each first difference.
+    fn add_rates(&self, all: &mut Cones) {
+        for (step, h) in self.steps.iter().enumerate() {
+            let row = all.row(self.limits.rate * h / self.unit);
+            all.rows.add(row, self.b(step), -1.0);
+            for axis in 0..D {
+                let row = all.row(0.0);
+                all.rows.add(row, self.x(step + 1, axis), -1.0);
+                all.rows.add(row, self.x(step, axis), 1.0);
+            }
+            all.cones.push(SecondOrderConeT(D + 1));
+        }
+    }
+
+    /// The bound of each second difference, if there is one.
+    fn add_accelerations(&self, all: &mut Cones) {
+        let Some(most) = self.limits.acceleration else { return };
+        for at in 0..self.bends() {
+            let (weights, h) = self.bend(at);
+            let row = all.row(most * h * h / self.unit);
+            all.rows.add(row, self.c(at), -1.0);
+            for axis in 0..D {
+                let row = all.row(0.0);
+                (0..3).for_each(|k| all.rows.add(row, self.x(at + k, axis), -weights[k]));
+            }
+            all.cones.push(SecondOrderConeT(D + 1));
+        }
+    }
+
+    /// The quadratic part of the cost: smoothness, and small residuals.
+    fn quadratic(&self) -> Triplets {
+        let mut quadratic = Triplets::default();
+        for at in 0..self.bends() {
+            let (weights, h) = self.bend(at);
+            // |a|^2 h / q^2, where `weights` give a h^2 in units.
+            let weight = h * (self.unit / (h * h * self.limits.scatter)).powi(2);
+            for axis in 0..D {
+                for i in 0..3 {
+                    for j in i..3 {
+                        let (row, column) = (self.x(at + i, axis), self.x(at + j, axis));
+                        quadratic.add(row, column, weight * weights[i] * weights[j]);
+                    }
                 }
             }
         }
+        for at in 0..self.times() * D {
+            quadratic.add(at, at, 1e-9);
+        }
+        let first = self.w(0, 0);
+        (0..self.given.len() * D).for_each(|at| quadratic.add(first + at, first + at, 1.0));
+        quadratic.set_rows(self.unknowns());
+        quadratic
     }
-    for at in 0..count * D {
-        quadratic.add(at, at, 1e-9);
-    }
-    (0..given.len() * D).for_each(|at| quadratic.add(w(0, 0) + at, w(0, 0) + at, 1.0));
-    quadratic.set_rows(unknowns);
-    let mut cost = vec![0.0; unknowns];
-    (0..given.len()).for_each(|datum| cost[u(datum)] = HUBER);
-    let patience = (PATIENCE_S / typical).clamp(3.0, 100.0);
-    let force = HUBER * unit / sigmas[sigmas.len() / 2];
-    (0..count - 1).for_each(|step| cost[b(step)] = patience * force);
-    (0..accelerations).for_each(|bend| cost[c(bend)] = patience * patience * force);
 
-    let solution =
-        solve(&quadratic.into_matrix(unknowns), &cost, &rows.into_matrix(unknowns), &right, &cones)
-            .ok_or(NoMotion::NotSolved)?;
-    let values: Vec<[f64; D]> = (0..count)
-        .map(|at| std::array::from_fn(|axis| middle[axis] + unit * solution[x(at, axis)]))
-        .collect();
-    let excesses = excesses(times_s, &values, limits);
-    Ok(Motion { values, excesses })
+    /// The linear part: large residuals, and what is given up of bounds.
+    fn cost(&self) -> Vec<f64> {
+        let mut cost = vec![0.0; self.unknowns()];
+        (0..self.given.len()).for_each(|datum| cost[self.u(datum)] = HUBER);
+        let patience = (PATIENCE_S / self.typical_step_s).clamp(3.0, 100.0);
+        let force = HUBER * self.unit / self.typical_sigma;
+        (0..self.steps.len()).for_each(|step| cost[self.b(step)] = patience * force);
+        (0..self.bounded_bends()).for_each(|bend| cost[self.c(bend)] = patience * patience * force);
+        cost
+    }
+
+    /// The coordinates at its minimum.
+    fn solved(&self) -> Option<Vec<[f64; D]>> {
+        let mut all = Cones::default();
+        self.add_given_up(&mut all);
+        self.add_data(&mut all);
+        self.add_rates(&mut all);
+        self.add_accelerations(&mut all);
+        let unknowns = self.unknowns();
+        let (quadratic, rows) = (self.quadratic().into_matrix(unknowns), all.rows.into_matrix(unknowns));
+        let solution = solve(&quadratic, &self.cost(), &rows, &all.right, &all.cones)?;
+        let value = |at: usize, axis: usize| self.middle[axis] + self.unit * solution[self.x(at, axis)];
+        Some((0..self.times()).map(|at| std::array::from_fn(|axis| value(at, axis))).collect())
+    }
 }
 
 fn solve(

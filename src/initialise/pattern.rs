@@ -13,6 +13,7 @@
 
 use super::forward::Foot;
 use super::rigid_motion::{Chain, PlanePose};
+use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix2x3, Matrix3, Rotation2, Vector2, Vector3};
 use trackbundle_solver::loss::LossName;
 
@@ -425,13 +426,8 @@ impl Pattern {
 /// Standard deviation per coordinate of pairs with these squared norms, of which half may be gross;
 /// at least 0.5.
 fn spread(squares: &[Option<f64>]) -> f64 {
-    let mut squares: Vec<f64> = squares.iter().flatten().copied().collect();
-    if squares.is_empty() {
-        return 1.0;
-    }
-    let middle = squares.len() / 2;
-    let median = *squares.select_nth_unstable_by(middle, f64::total_cmp).1;
-    (0.5 * median / 2_f64.ln()).sqrt().clamp(0.5, 100.0)
+    let median = upper_median(squares.iter().flatten().copied().collect());
+    median.map_or(1.0, |median| (0.5 * median / 2_f64.ln()).sqrt().clamp(0.5, 100.0))
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! turn out to share points are joined.
 
 use super::forward::Foot;
+use crate::stats::quantile::upper_median;
 use nalgebra::{Rotation2, Vector2};
 
 /// A plane pose: position of the pattern's origin \[m\] and its heading \[rad\].
@@ -97,11 +98,7 @@ impl Member {
             self.recent[self.next % RECENT] = pattern_m;
             self.next += 1;
         }
-        let median = |axis: usize| {
-            let mut values: Vec<f64> = self.recent.iter().map(|p| p[axis]).collect();
-            let middle = values.len() / 2;
-            *values.select_nth_unstable_by(middle, f64::total_cmp).1
-        };
+        let median = |axis: usize| upper_median(self.recent.iter().map(|p| p[axis]).collect()).unwrap_or(0.0);
         self.median_m = Vector2::new(median(0), median(1));
         if let Some(agrees) = agrees {
             self.seen += 1.0;

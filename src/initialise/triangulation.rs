@@ -15,6 +15,8 @@
 
 use super::dlt::{LinearPoint, Sighting};
 use crate::problem::Known;
+use crate::stats::normal::GROSS_SIGMAS;
+use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix2x3, Matrix3, Point3, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -31,8 +33,6 @@ const MOST_PAIRS: usize = 100;
 const DRAWS: usize = 4;
 /// Rays by which hypotheses are compared; of more an even choice is taken.
 const MOST_JUDGES: usize = 200;
-/// Standard deviations from which on a ray is a gross error.
-const GROSS_SIGMAS: f64 = 5.12;
 /// Fewest rays that say anything about how they scatter.
 const SPREAD_RAYS: usize = 5;
 /// Cameras nearer together stand in one place \[m\].
@@ -89,9 +89,7 @@ pub fn triangulate(sightings: &[Sighting], known: &[Option<Known>; 3]) -> Result
     let stride = sightings.len().div_ceil(MOST_JUDGES);
     let judges: Vec<&Sighting> = sightings.iter().step_by(stride).collect();
     let middle = |point: &Point3<f64>| {
-        let mut norms: Vec<f64> = judges.iter().map(|s| norm(s, point)).collect();
-        let at = norms.len() / 2;
-        *norms.select_nth_unstable_by(at, f64::total_cmp).1
+        upper_median(judges.iter().map(|s| norm(s, point)).collect()).unwrap_or(f64::INFINITY)
     };
     let hypotheses = pairs(sightings).into_iter().filter_map(|(i, j)| {
         let point = LinearPoint::new(&[sightings[i], sightings[j]], known).solve()?;

@@ -8,12 +8,13 @@ use super::selection::{OUTLIER_SIGMAS, Purpose};
 use super::sink::Sink;
 use super::source::Source;
 use crate::clock::curve::Curve;
-use crate::clock::quantile::median;
 use crate::clock::{ClockOffset, Shift, clock_offset};
 use crate::estimate::{Estimate, ReceiverEstimate};
 use crate::problem::{Problem, ReceivedPosition, Receiver};
 use crate::residuals::antenna_position::{AntennaPosition, LeverArm, video_time_s};
 use crate::residuals::known_coordinate::KnownNumber;
+use crate::stats::normal::MEDIAN_OF_NORM_3;
+use crate::stats::quantile::median;
 use nalgebra::Vector3;
 use trackbundle_solver::loss::{Loss, LossName};
 use trackbundle_solver::manifold::write_pose;
@@ -218,9 +219,8 @@ impl Knowledge {
 
 /// The scatter of deviations in three axes, at least 1.
 fn spread_of(deviations: &[Option<f64>]) -> f64 {
-    // The median of the norm of three normal numbers.
-    const MEDIAN: f64 = 1.538;
-    median(deviations.iter().copied().flatten().collect()).map_or(1.0, |median| (median / MEDIAN).max(1.0))
+    median(deviations.iter().copied().flatten().collect())
+        .map_or(1.0, |median| (median / MEDIAN_OF_NORM_3).max(1.0))
 }
 
 /// How many standard deviations each position is off at the current estimate; `None` where it takes no part.

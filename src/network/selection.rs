@@ -1,10 +1,11 @@
 //! What takes part in a network, and what the network is for.
 
 use crate::problem::Problem;
+use crate::stats::normal::GROSS_SIGMAS;
 
 /// An image point this many standard deviations off (times the spread of all) is a gross error. Good
 /// ones get there once in half a million; the default loss rejects from here on.
-pub const OUTLIER_SIGMAS: f64 = 5.12;
+pub const OUTLIER_SIGMAS: f64 = GROSS_SIGMAS;
 
 /// Which image points take part.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -16,12 +16,13 @@ use super::{RefineOptions, statistical};
 use crate::estimate::Estimate;
 use crate::network::{BodyFrame, Model};
 use crate::problem::{Freedom, Problem};
+use crate::stats::normal::TWO_SIDED_99_9;
 use nalgebra::DMatrix;
 use trackbundle_solver::covariance::Undamped;
 use trackbundle_solver::system::BlockId;
 
 /// Critical value at a level of 0.1 %.
-pub const CRITICAL: f64 = 3.29;
+pub const CRITICAL: f64 = TWO_SIDED_99_9;
 /// A number that would not be known better than this is not tested \[s\].
 const MOST_SIGMA_S: f64 = 0.2;
 

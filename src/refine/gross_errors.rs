@@ -23,6 +23,7 @@ use crate::estimate::{Estimate, Imaging};
 use crate::initialise::{point_anew, tracks_left_behind};
 use crate::network::{OUTLIER_SIGMAS, Selection};
 use crate::problem::{Problem, Role};
+use crate::stats::quantile::{upper_median, value_at_share};
 use nalgebra::Vector2;
 
 /// Fewest image points that are judged together.
@@ -206,10 +207,11 @@ impl Excluded {
                 let norms: Vec<f64> =
                     judged.map(|seen| seen.whitened.map_or(f64::INFINITY, |w| w.norm())).collect();
                 if norms.len() >= LEAST_TRACK {
-                    scores.push((quantile(norms, GOOD_POINTS), track));
+                    scores.push((value_at_share(norms, GOOD_POINTS).unwrap_or(0.0), track));
                 }
             }
-            let good = quantile(scores.iter().map(|(score, _)| *score).collect(), GOOD_TRACKS);
+            let good =
+                value_at_share(scores.iter().map(|(score, _)| *score).collect(), GOOD_TRACKS).unwrap_or(0.0);
             let limit = SUSPECT * good.max(OUTLIER_SIGMAS);
             for (_, track) in scores.into_iter().filter(|(score, _)| *score > limit) {
                 track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
@@ -440,20 +442,11 @@ impl Set {
             return false;
         }
         share > NEARLY_ALL || behind > gross.len() || {
-            let length = quantile(gross.iter().map(|r| r.norm()).collect(), 0.5);
-            let change = quantile(gross.windows(2).map(|two| (two[1] - two[0]).norm()).collect(), 0.5);
-            change < ONE_CAUSE * length
+            let length = upper_median(gross.iter().map(|r| r.norm()).collect());
+            let change = upper_median(gross.windows(2).map(|two| (two[1] - two[0]).norm()).collect());
+            change.unwrap_or(0.0) < ONE_CAUSE * length.unwrap_or(0.0)
         }
     }
-}
-
-/// The value that this share of all does not exceed; zero of none.
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    let at = (share * values.len() as f64) as usize;
-    if at >= values.len() {
-        return 0.0;
-    }
-    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
 #[cfg(test)]

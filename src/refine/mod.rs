@@ -20,12 +20,14 @@ mod expected;
 mod gross_errors;
 mod outcome;
 mod reversal;
+mod schedule;
 
 pub use alone::alone;
 pub use directed_tests::{CRITICAL, DirectedTest};
 pub use expected::expected;
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, ObservationFit, Round};
+pub use schedule::RoundSchedule;
 
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
@@ -111,43 +113,6 @@ impl From<TooLarge> for NoSolution {
     }
 }
 
-/// Rounds in which motion priors are estimated, at the most.
-const MOST_ROUNDS: usize = 8;
-/// The approach ends when a step lowers the cost by less than this share.
-const APPROACHED: f64 = 1e-3;
-/// Records of an approach that comes from far.
-const LONG_WAY: usize = 6;
-/// A round between two estimates of the motion priors ends when a step lowers the cost by less.
-const FOLLOWED: f64 = 1e-2;
-/// Where more than this share of image points is gross after the approach, the loss is tightened step by step ...
-const MANY_GROSS: f64 = 0.1;
-/// ... by these factors of its scale.
-const GRADUATED: [f64; 2] = [2.0, 1.0];
-/// The most iterations of a round before the last.
-const ROUND_ITERATIONS: usize = 10;
-/// The last round ends when a step lowers the cost by less.
-const ENDED: f64 = 1e-8;
-/// That of the final least squares, which starts where the robust adjustment ended. Of a cost of 1e5 it leaves
-/// less than a tenth of a standard deviation in the worst direction.
-const LEAST_SQUARES_ENDED: f64 = 5e-8;
-/// A body may be at the wrong one of two depths ([`reversal`]), which is looked for after so many iterations
-/// of the last round, if it has not ended before: in a wrong minimum it may go on for long.
-const BEFORE_REVERSAL: usize = 25;
-/// After the last round whole tracks and frames are judged anew, and the round goes on, so often at the most.
-const MOST_VERDICTS: usize = 3;
-/// Motion strengths have settled when none changes by more than this factor.
-const SETTLED: f64 = 1.15;
-
-/// Image points of other standard deviations than stated, by more than this factor, weigh what they prove
-/// to be worth.
-const REWEIGHTED: f64 = 1.1;
-/// ... unless it is beyond these: data without noise prove nothing.
-const WEIGHED_WITHIN: [f64; 2] = [0.2, 100.0];
-/// Rows of image points from which that can be said.
-const LEAST_IMAGE_ROWS: usize = 200;
-/// Image points are weighed anew so many times at the most.
-const MOST_REWEIGHTINGS: usize = 5;
-
 /// The adjusted unknowns, and the least squares behind them.
 pub struct Adjusted {
     /// The adjusted unknowns.
@@ -185,144 +150,42 @@ pub fn adjust(
     options: &RefineOptions,
     progress: Option<ProgressSink<'_>>,
 ) -> Result<Adjusted, NoSolution> {
-    if start.vehicles.iter().all(|vehicle| vehicle.left_out.is_some()) {
-        let reasons: Vec<String> = problem
-            .vehicles
-            .iter()
-            .zip(&start.vehicles)
-            .filter_map(|(v, e)| Some(format!("vehicle {}: {}", v.id, e.left_out.as_ref()?)))
-            .collect();
-        return Err(NoSolution(format!("no vehicle can be adjusted; {}", reasons.join("; "))));
-    }
+    adjust_by(&RoundSchedule::DEFAULT, problem, start, options, progress)
+}
+
+/// Adjusts `start` in the rounds of a schedule.
+pub fn adjust_by(
+    schedule: &RoundSchedule,
+    problem: &Problem,
+    start: &Estimate,
+    options: &RefineOptions,
+    progress: Option<ProgressSink<'_>>,
+) -> Result<Adjusted, NoSolution> {
+    need_a_vehicle(problem, start)?;
     let mut start = start.clone();
     start_clocks(problem, &mut start);
-    let start = &start;
-    let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
-    let chosen = options.loss.with_scale(scale, options.loss_shape);
-    let excluded = match options.loss {
-        LossName::None => Excluded::nothing(problem),
-        _ => Excluded::suspected(problem, start),
-    };
-    let selection = excluded.selection();
-    let model = Model::new(problem, start, start, options.network(), &selection, Purpose::Adjustment);
-    let mut run = Run {
-        problem,
-        progress,
-        start,
-        options,
-        minimiser: Minimiser::new(&model.system)?,
-        values: model.system.start().clone(),
-        model,
-        excluded,
-        left: options.max_iterations,
-        rounds: Vec::new(),
-    };
-    let huber = Loss::Huber { scale: LossName::Huber.default_scale() };
-    let approach = if chosen.redescends() { huber } else { chosen };
-    let estimates_motion = run.model.motion.is_estimated();
-    if chosen.redescends() || estimates_motion {
-        run.model.set_image_loss(approach);
-        let minimum = run.round("approach", APPROACHED, ROUND_ITERATIONS);
-        if !minimum.stop.converged() || minimum.records.len() > LONG_WAY {
-            run.approach_anew(approach, minimum.cost.value)?;
-        }
-        run.judge(approach)?;
+    let mut run = Run::new(schedule, problem, &start, options, progress)?;
+    run.approach()?;
+    run.scale_loss();
+    run.graduate()?;
+    run.estimate_motion()?;
+    run.judge(run.loss)?;
+    run.take_stock(run.loss)?;
+    let minimum = run.finish()?;
+    run.conclude(minimum)
+}
+
+fn need_a_vehicle(problem: &Problem, start: &Estimate) -> Result<(), NoSolution> {
+    if start.vehicles.iter().any(|vehicle| vehicle.left_out.is_none()) {
+        return Ok(());
     }
-    let spread = run.model.spread(&run.values);
-    let chosen = match options.loss_scale {
-        // Image points worse than their stated sigma must not all be taken for gross errors.
-        None => chosen.stretched(spread.max(1.0)),
-        Some(_) => chosen,
-    };
-    if chosen.redescends() && run.gross_share(spread) > MANY_GROSS {
-        for factor in GRADUATED {
-            run.model.set_image_loss(chosen.stretched(factor));
-            run.round("graduated", FOLLOWED, ROUND_ITERATIONS);
-        }
-        run.judge(chosen)?;
-    }
-    run.model.set_image_loss(chosen);
-    if estimates_motion {
-        for _ in 0..MOST_ROUNDS {
-            let change = run.model.estimate_motion(&mut run.minimiser, &run.values)?;
-            if change < SETTLED || run.left == 0 {
-                break;
-            }
-            run.round("variance components", FOLLOWED, ROUND_ITERATIONS);
-        }
-    }
-    run.judge(chosen)?;
-    run.take_stock(chosen)?;
-    let mut minimum = run.round("final", ENDED, BEFORE_REVERSAL);
-    let now = run.model.estimate(problem, start, &run.values);
-    let strengths = run.model.motion.strengths(&run.model.system);
-    if let Some(better) =
-        reversal::better_reversed(problem, start, &now, options, &strengths, chosen, &run.excluded)?
-    {
-        run.go_on_from(&better, chosen)?;
-        minimum = run.round("final, at the other depth", ENDED, usize::MAX);
-    } else if !minimum.stop.converged() {
-        minimum = run.round("final, continued", ENDED, usize::MAX);
-    }
-    for _ in 0..MOST_VERDICTS {
-        if run.left == 0 || !run.judge(chosen)? {
-            break;
-        }
-        minimum = run.round("final, judged anew", ENDED, usize::MAX);
-    }
-    let mut estimate = run.model.estimate(problem, start, &run.values);
-    look_where_they_drive(problem, &mut estimate);
-    if !estimate.is_finite() || !minimum.cost.value.is_finite() {
-        return Err(NoSolution(
-            "the adjustment does not end in finite numbers: is a value out of all proportion?".to_owned(),
-        ));
-    }
-    if let Stop::Iterations { limit } = &mut minimum.stop {
-        // Of all rounds together.
-        *limit = options.max_iterations;
-    }
-    let excluded = run.excluded.clone();
-    let fits = Fits::new(problem, &estimate, chosen, spread, &excluded);
-    if fits.inside(problem)[0].is_empty() {
-        return Err(NoSolution(
-            "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
-                .to_owned(),
-        ));
-    }
-    let robust = estimate.clone();
-    let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);
-    let network = run.least_squares(&mut estimate, &fits)?;
-    let used = fits.clone();
-    let fits = match network {
-        // Image points of points that were dropped stay the gross errors that they were.
-        Some(_) => Fits::new(problem, &with_points_of(&estimate, &robust), chosen, spread, &excluded),
-        None => fits,
-    };
-    let end = outcome::End {
-        model: &run.model,
-        minimum,
-        rounds: run.rounds,
-        spread,
-        image_loss: chosen,
-        fits,
-        robust: &robust,
-        network: network.as_ref(),
-    };
-    let mut adjustment = outcome::summarise(problem, start, &estimate, end);
-    adjustment.warnings.extend(dropped);
-    if let Some(network) = &network {
-        let accepted = if options.loss == LossName::None { &used.all_accepted() } else { &used };
-        adjustment.directed_tests = directed_tests(&Held {
-            problem,
-            start,
-            estimate: &estimate,
-            options,
-            fits: accepted,
-            frames: &network.frames,
-            model: &network.model,
-        });
-    }
-    Ok(Adjusted { estimate, adjustment, network })
+    let reasons: Vec<String> = problem
+        .vehicles
+        .iter()
+        .zip(&start.vehicles)
+        .filter_map(|(v, e)| Some(format!("vehicle {}: {}", v.id, e.left_out.as_ref()?)))
+        .collect();
+    Err(NoSolution(format!("no vehicle can be adjusted; {}", reasons.join("; "))))
 }
 
 /// The least squares on accepted image points, with frames of bodies held where they are.
@@ -370,6 +233,7 @@ fn look_where_they_drive(problem: &Problem, estimate: &mut Estimate) {
 }
 
 struct Run<'a, 'p> {
+    schedule: &'a RoundSchedule,
     problem: &'a Problem,
     start: &'a Estimate,
     options: &'a RefineOptions,
@@ -379,12 +243,198 @@ struct Run<'a, 'p> {
     excluded: Excluded,
     minimiser: Minimiser,
     values: Values,
+    /// The chosen loss of image points.
+    loss: Loss,
+    /// What good image points scatter after the approach, in standard deviations.
+    spread: f64,
+    estimates_motion: bool,
     /// Iterations left.
     left: usize,
     rounds: Vec<Round>,
 }
 
-impl Run<'_, '_> {
+impl<'a, 'p> Run<'a, 'p> {
+    fn new(
+        schedule: &'a RoundSchedule,
+        problem: &'a Problem,
+        start: &'a Estimate,
+        options: &'a RefineOptions,
+        progress: Option<ProgressSink<'p>>,
+    ) -> Result<Self, TooLarge> {
+        let scale = options.loss_scale.unwrap_or(options.loss.default_scale());
+        let excluded = match options.loss {
+            LossName::None => Excluded::nothing(problem),
+            _ => Excluded::suspected(problem, start),
+        };
+        let selection = excluded.selection();
+        let model = Model::new(problem, start, start, options.network(), &selection, Purpose::Adjustment);
+        Ok(Run {
+            schedule,
+            problem,
+            progress,
+            start,
+            options,
+            minimiser: Minimiser::new(&model.system)?,
+            values: model.system.start().clone(),
+            loss: options.loss.with_scale(scale, options.loss_shape),
+            spread: 1.0,
+            estimates_motion: model.motion.is_estimated(),
+            model,
+            excluded,
+            left: options.max_iterations,
+            rounds: Vec::new(),
+        })
+    }
+
+    /// From poses that may be far off, with a loss that keeps pulling.
+    fn approach(&mut self) -> Result<(), TooLarge> {
+        let huber = Loss::Huber { scale: LossName::Huber.default_scale() };
+        let loss = if self.loss.redescends() { huber } else { self.loss };
+        if !self.loss.redescends() && !self.estimates_motion {
+            return Ok(());
+        }
+        let (decrease, most) = (self.schedule.approach_decrease, self.schedule.interim_iterations);
+        self.model.set_image_loss(loss);
+        let minimum = self.round("approach", decrease, most);
+        if !minimum.stop.converged() || minimum.records.len() > self.schedule.long_approach {
+            self.approach_anew(loss, minimum.cost.value)?;
+        }
+        self.judge(loss)?;
+        Ok(())
+    }
+
+    /// Image points worse than their stated sigma must not all be taken for gross errors.
+    fn scale_loss(&mut self) {
+        self.spread = self.model.spread(&self.values);
+        if self.options.loss_scale.is_none() {
+            self.loss = self.loss.stretched(self.spread.max(1.0));
+        }
+    }
+
+    /// Where many image points are gross, the chosen loss in steps.
+    fn graduate(&mut self) -> Result<(), TooLarge> {
+        let RoundSchedule { interim_decrease, interim_iterations, graduated_above_share, .. } =
+            *self.schedule;
+        let are_many = self.loss.redescends() && self.gross_share(self.spread) > graduated_above_share;
+        if !are_many {
+            return Ok(());
+        }
+        for factor in self.schedule.graduated_scales {
+            self.model.set_image_loss(self.loss.stretched(factor));
+            self.round("graduated", interim_decrease, interim_iterations);
+        }
+        self.judge(self.loss)?;
+        Ok(())
+    }
+
+    /// Variance components of motion, in turn with the unknowns.
+    fn estimate_motion(&mut self) -> Result<(), NoSolution> {
+        self.model.set_image_loss(self.loss);
+        if !self.estimates_motion {
+            return Ok(());
+        }
+        let RoundSchedule { interim_decrease, interim_iterations, motion_settled_factor, .. } =
+            *self.schedule;
+        for _ in 0..self.schedule.most_motion_rounds {
+            let change = self.model.estimate_motion(&mut self.minimiser, &self.values)?;
+            if change < motion_settled_factor || self.left == 0 {
+                break;
+            }
+            self.round("variance components", interim_decrease, interim_iterations);
+        }
+        Ok(())
+    }
+
+    /// The last round, from the better of two depths, until nothing more is left out or comes back.
+    fn finish(&mut self) -> Result<Minimum, TooLarge> {
+        let decrease = self.schedule.final_decrease;
+        let mut minimum = self.round("final", decrease, self.schedule.iterations_before_reversal);
+        let now = self.model.estimate(self.problem, self.start, &self.values);
+        let strengths = self.model.motion.strengths(&self.model.system);
+        let (problem, start) = (self.problem, self.start);
+        let excluded = &self.excluded;
+        if let Some(better) =
+            reversal::better_reversed(problem, start, &now, self.options, &strengths, self.loss, excluded)?
+        {
+            self.go_on_from(&better, self.loss)?;
+            minimum = self.round("final, at the other depth", decrease, usize::MAX);
+        } else if !minimum.stop.converged() {
+            minimum = self.round("final, continued", decrease, usize::MAX);
+        }
+        for _ in 0..self.schedule.most_final_judgements {
+            if self.left == 0 || !self.judge(self.loss)? {
+                break;
+            }
+            minimum = self.round("final, judged anew", decrease, usize::MAX);
+        }
+        if let Stop::Iterations { limit } = &mut minimum.stop {
+            // Of all rounds together.
+            *limit = self.options.max_iterations;
+        }
+        Ok(minimum)
+    }
+
+    /// The robust estimate at its minimum, and how image points fit it.
+    fn robust_estimate(&self, minimum: &Minimum) -> Result<(Estimate, Fits), NoSolution> {
+        let mut estimate = self.model.estimate(self.problem, self.start, &self.values);
+        look_where_they_drive(self.problem, &mut estimate);
+        if !estimate.is_finite() || !minimum.cost.value.is_finite() {
+            return Err(NoSolution(
+                "the adjustment does not end in finite numbers: is a value out of all proportion?".to_owned(),
+            ));
+        }
+        let fits = Fits::new(self.problem, &estimate, self.loss, self.spread, &self.excluded);
+        if fits.inside(self.problem)[0].is_empty() {
+            return Err(NoSolution(
+                "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
+                    .to_owned(),
+            ));
+        }
+        Ok((estimate, fits))
+    }
+
+    /// Least squares from the minimum of the robust adjustment, and what is said of both.
+    fn conclude(mut self, minimum: Minimum) -> Result<Adjusted, NoSolution> {
+        let (problem, start, options) = (self.problem, self.start, self.options);
+        let (mut estimate, used) = self.robust_estimate(&minimum)?;
+        let robust = estimate.clone();
+        let dropped = outcome::drop_rejected_points(problem, &mut estimate, &used);
+        let network = self.least_squares(&mut estimate, &used)?;
+        let fits = match network {
+            // Image points of points that were dropped stay the gross errors that they were.
+            Some(_) => {
+                let whole = with_points_of(&estimate, &robust);
+                Fits::new(problem, &whole, self.loss, self.spread, &self.excluded)
+            }
+            None => used.clone(),
+        };
+        let end = outcome::End {
+            model: &self.model,
+            minimum,
+            rounds: self.rounds,
+            spread: self.spread,
+            image_loss: self.loss,
+            fits,
+            robust: &robust,
+            network: network.as_ref(),
+        };
+        let mut adjustment = outcome::summarise(problem, start, &estimate, end);
+        adjustment.warnings.extend(dropped);
+        if let Some(network) = &network {
+            let accepted = if options.loss == LossName::None { &used.all_accepted() } else { &used };
+            adjustment.directed_tests = directed_tests(&Held {
+                problem,
+                start,
+                estimate: &estimate,
+                options,
+                fits: accepted,
+                frames: &network.frames,
+                model: &network.model,
+            });
+        }
+        Ok(Adjusted { estimate, adjustment, network })
+    }
+
     /// Minimises from the current values and moves them.
     fn round(&mut self, name: &'static str, relative_decrease: f64, most: usize) -> Minimum {
         if let Some(progress) = &mut self.progress {
@@ -409,6 +459,7 @@ impl Run<'_, '_> {
     /// is another than stated are weighed by it, and motion anew with them. `None`, and nothing moved, where
     /// that cannot be solved.
     fn least_squares(&mut self, estimate: &mut Estimate, fits: &Fits) -> Result<Option<Network>, NoSolution> {
+        let RoundSchedule { least_squares_decrease, interim_iterations, .. } = *self.schedule;
         let values = self.model.values(estimate);
         let frames = body_frames(self.problem, estimate, &self.model, &values);
         // Whoever wants plain least squares has nothing rejected.
@@ -418,13 +469,13 @@ impl Run<'_, '_> {
         self.values = model.system.start().clone();
         self.minimiser = Minimiser::new(&model.system)?;
         let robust = std::mem::replace(&mut self.model, model);
-        let mut minimum = self.round("least squares", LEAST_SQUARES_ENDED, ROUND_ITERATIONS);
-        for _ in 0..MOST_REWEIGHTINGS {
+        let mut minimum = self.round("least squares", least_squares_decrease, interim_iterations);
+        for _ in 0..self.schedule.most_reweightings {
             if !self.reweigh() {
                 break;
             }
             self.model.estimate_motion(&mut self.minimiser, &self.values)?;
-            minimum = self.round("least squares, weighed anew", LEAST_SQUARES_ENDED, ROUND_ITERATIONS);
+            minimum = self.round("least squares, weighed anew", least_squares_decrease, interim_iterations);
         }
         let mut found = self.model.estimate(self.problem, self.start, &self.values);
         let mut model = std::mem::replace(&mut self.model, robust);
@@ -449,14 +500,16 @@ impl Run<'_, '_> {
     /// Weighs image points by their scatter (a variance component for each kind, [`motion`]), where that is
     /// certainly another than stated; whether that changed much.
     fn reweigh(&mut self) -> bool {
+        let schedule = self.schedule;
+        let (certain, [least, most]) = (schedule.reweighted_factor, schedule.reweighted_within);
         let rows = self.model.image_rows(&self.values);
         let unknowns = self.model.system.parameters();
         let factors = self.model.image_factors();
         let is_other = |(factor, (rows, squares)): (&f64, &(usize, f64))| {
             // Redundancy is at most that, and at least this.
-            let (most, least) = (*rows as f64, rows.saturating_sub(unknowns).max(1) as f64);
-            let bounds = [most, least].map(|redundancy| factor * (squares / redundancy).sqrt());
-            *rows >= LEAST_IMAGE_ROWS && (bounds[0] > REWEIGHTED || bounds[1] < 1.0 / REWEIGHTED)
+            let redundancies = [*rows as f64, rows.saturating_sub(unknowns).max(1) as f64];
+            let bounds = redundancies.map(|redundancy| factor * (squares / redundancy).sqrt());
+            *rows >= schedule.reweighted_least_rows && (bounds[0] > certain || bounds[1] < 1.0 / certain)
         };
         if !factors.iter().zip(&rows).any(is_other) {
             return false;
@@ -470,9 +523,9 @@ impl Run<'_, '_> {
                 covariance.leverages(group).chunks_exact(4).map(|block| block[0] + block[3]).sum();
             let change = (squares / (rows as f64 - trace).max(1.0)).sqrt();
             let factor = factors[at] * change;
-            if rows >= LEAST_IMAGE_ROWS
-                && factor.max(1.0 / factor) > REWEIGHTED
-                && (WEIGHED_WITHIN[0]..WEIGHED_WITHIN[1]).contains(&factor)
+            if rows >= schedule.reweighted_least_rows
+                && factor.max(1.0 / factor) > certain
+                && (least..most).contains(&factor)
             {
                 weighed[at] = factor;
                 largest = largest.max(change).max(1.0 / change);
@@ -480,7 +533,7 @@ impl Run<'_, '_> {
         }
         drop(covariance);
         self.model.set_image_factors(weighed);
-        largest > 1.01
+        largest > schedule.reweighting_settled_factor
     }
 
     /// Where the way from the given poses is long, that from poses found in the images may be short: of the
@@ -488,7 +541,8 @@ impl Run<'_, '_> {
     fn approach_anew(&mut self, loss: Loss, cost: f64) -> Result<(), TooLarge> {
         let Some(anew) = start_anew(self.problem, self.start) else { return Ok(()) };
         let before = self.go_on_from(&anew, loss)?;
-        let minimum = self.round("approach from found poses", APPROACHED, ROUND_ITERATIONS);
+        let (decrease, most) = (self.schedule.approach_decrease, self.schedule.interim_iterations);
+        let minimum = self.round("approach from found poses", decrease, most);
         if minimum.cost.value >= cost {
             (self.minimiser, self.model, self.values) = before;
         }

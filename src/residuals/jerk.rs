@@ -14,7 +14,7 @@
 //! the step), so that taken as independent it has the standard deviation `sqrt(q / h)`, `h` the mean of
 //! the three times: `sqrt(q)` is the scatter of the mean jerk over one second.
 
-use super::twist::{MeanRate, combined};
+use super::steps::{MeanRate, combined};
 use crate::geometry::Pose;
 use nalgebra::Vector3;
 use trackbundle_solver::manifold::{Manifold, read_pose};

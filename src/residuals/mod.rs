@@ -28,6 +28,7 @@ pub mod pose_prior;
 pub mod row_image_point;
 pub mod scale_free;
 pub mod smooth_motion;
+mod steps;
 pub mod target_image_point;
 pub mod twist;
 pub mod vehicle_image_point;

@@ -11,7 +11,7 @@
 //! Schunck, *Zur Fahrmechanik des gummibereiften Kraftfahrzeugs*, Ingenieur-Archiv 11 (1940), without
 //! slip of the rear tyre.
 
-use super::twist::MeanRate;
+use super::steps::MeanRate;
 use nalgebra::{Vector1, Vector2};
 use trackbundle_solver::manifold::{Manifold, read_pose};
 use trackbundle_solver::residual::{Jacobian, Residual};

@@ -9,40 +9,11 @@
 //! makes its mean over a time `h` scatter by `sqrt(q / h)`, so that a prior of one strength fits any
 //! frame rate, irregular times and gaps. `sqrt(q)` is the scatter of the mean over one second.
 
-use super::twist::{MeanRate, combined};
-use crate::geometry::Pose;
+use super::steps::MeanRate;
+pub use super::steps::Steps;
 use nalgebra::Vector3;
-use trackbundle_solver::manifold::{Manifold, read_pose};
+use trackbundle_solver::manifold::Manifold;
 use trackbundle_solver::residual::{Jacobian, Residual};
-
-/// The times between three neighbouring frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Steps {
-    /// From the first to the second \[s\].
-    pub first_s: f64,
-    /// From the second to the third \[s\].
-    pub second_s: f64,
-}
-
-impl Steps {
-    /// Over what time the acceleration is a mean \[s\].
-    pub fn mean_s(&self) -> f64 {
-        0.5 * (self.first_s + self.second_s)
-    }
-
-    /// How much a mean velocity changes over that time.
-    pub(super) fn evaluate(
-        &self,
-        x: &[&[f64]; 3],
-        rate: impl Fn(&Pose, &Pose, f64) -> MeanRate,
-        jacobian: Option<&mut Jacobian<3, 3>>,
-    ) -> Vector3<f64> {
-        let [t0, t1, t2] = x.map(read_pose);
-        let rates = [rate(&t0, &t1, self.first_s), rate(&t1, &t2, self.second_s)];
-        let weight = 1.0 / self.mean_s();
-        combined(&rates, &[-weight, weight], jacobian)
-    }
-}
 
 /// Blocks: three poses in time order.
 #[derive(Clone, Copy, Debug, PartialEq)]

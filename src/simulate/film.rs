@@ -3,7 +3,7 @@
 use super::path::{FINE, PlanPath};
 use super::scenario::{Course, Given, PoseSettings, Scenario, VehicleSettings};
 use super::wander::{Curve, Purpose, Times, normal, normal3, stream, values, wander, wanders};
-use super::{Chance, Film, GrossError, World, no_ground};
+use super::{Chance, Film, GrossError, Track, Tracked, World, no_ground};
 use crate::camera::Camera;
 use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
@@ -137,184 +137,267 @@ struct Errors {
     on: f64,
 }
 
+impl Errors {
+    /// Run 0 of the exact film has paths of its own: truth is one draw of many.
+    fn of(chance: Chance) -> Errors {
+        match chance {
+            Chance::Exact => Errors { run: 0, on: 0.0 },
+            Chance::Run(run) => Errors { run: run + 1, on: 1.0 },
+        }
+    }
+}
+
+/// What is true of the camera and of the ground.
+struct TrueNumbers {
+    camera: Camera,
+    readout_s: f64,
+    bias_m: f64,
+}
+
+/// What is filmed of vehicles, one for each.
+#[derive(Default)]
+struct Filmed {
+    vehicles: Vec<Vehicle>,
+    truth: Vec<VehicleEstimate>,
+    velocities: Vec<Vec<Vector3<f64>>>,
+    gross: Vec<GrossError>,
+    wrong_tracks: Vec<BTreeSet<String>>,
+    references: Vec<Vec<GnssPosition>>,
+    receivers: Vec<Received>,
+}
+
 impl World {
     /// The film of a run. The error says where the ground ends.
     pub fn film(&self, chance: Chance) -> Result<Film, Findings> {
-        let errors = match chance {
-            Chance::Exact => Errors { run: 0, on: 0.0 },
-            Chance::Run(run) => Errors { run: run + 1, on: 1.0 },
+        let errors = Errors::of(chance);
+        let really = self.true_numbers(&errors);
+        let paths = self.paths(&errors);
+        let rides = self.rides(&errors, &paths, really.bias_m);
+        let drone = self.drone(&errors, paths.first())?;
+        let frames = 0..self.scenario.film.frames;
+        let cameras: Vec<Pose> = frames.map(|frame| drone.pose(frame, self.time_s(frame))).collect();
+        let seen = |frame: usize, place: &Place<'_>| self.pixel(&drone, &really, frame, place);
+        let mut filmed = Filmed::default();
+        for (at, ride) in rides.iter().enumerate() {
+            self.film_vehicle(at, ride, &errors, &cameras, &seen, &mut filmed)?;
+        }
+        let (targets, target_observations, of_targets) = self.target_sights(&errors, &seen);
+        filmed.gross.extend(of_targets);
+        let mut problem = self.problem(&errors, &cameras);
+        (problem.targets, problem.target_observations) = (targets, target_observations);
+        problem.vehicles = filmed.vehicles;
+        problem.receivers = filmed.receivers.iter().map(|(receiver, _)| receiver.clone()).collect();
+        let truth = Estimate {
+            camera_poses: cameras,
+            vehicles: filmed.truth,
+            targets: self.targets.iter().copied().map(Some).collect(),
+            terrain_bias_m: if self.scenario.terrain.is_known { really.bias_m } else { 0.0 },
+            camera: really.camera,
+            readout_s: really.readout_s,
+            receivers: filmed.receivers.into_iter().map(|(_, found)| found).collect(),
         };
-        // Run 0 of the exact film has paths of its own: truth is one draw of many.
-        let scenario = &self.scenario;
-        let really = scenario.errors.really;
-        let rng = |purpose: Purpose, thing: usize| stream(self.seed, errors.run, purpose, thing);
-        let (frames, rate_hz) = (scenario.film.frames, scenario.film.rate_hz);
-        let times = Times::of_film(frames, rate_hz, 1);
-        let fine = Times::of_film(frames, rate_hz, FINE);
-        let time = |frame: usize| frame as f64 / rate_hz;
-        let middle_s = 0.5 * time(frames - 1);
+        let Filmed { velocities, gross, wrong_tracks, references, .. } = filmed;
+        Ok(Film { problem, truth, velocities, gross, wrong_tracks, references })
+    }
 
-        let mut knowledge = rng(Purpose::Knowledge, 0);
-        let bias_m = normal(&mut knowledge) * scenario.terrain.bias_sigma_m * really[3];
-        let readout_error_s = normal(&mut knowledge) * scenario.camera.readout_sigma_s;
-        let readout_s = scenario.camera.readout_s + errors.on * readout_error_s;
-        let true_camera = self.true_camera(&errors);
+    fn rng(&self, errors: &Errors, purpose: Purpose, thing: usize) -> ChaCha8Rng {
+        stream(self.seed, errors.run, purpose, thing)
+    }
 
-        let paths: Vec<PlanPath> = scenario
-            .vehicles
-            .iter()
-            .zip(&self.vehicles)
-            .enumerate()
-            .map(|(at, (settings, tracked))| {
-                let wanders = [settings.wander_m, settings.yaw_wander_deg.to_radians()];
-                let [along, yaw] = [0, 1].map(|k| {
-                    wander(&mut rng(Purpose::VehiclePath, 2 * at + k), wanders[k], settings.wander_s, times)
-                });
-                PlanPath::new(settings, &tracked.rows, fine, [&along, &yaw], middle_s)
-            })
-            .collect();
-        let rides: Vec<Ride> = scenario
-            .vehicles
-            .iter()
-            .zip(&paths)
-            .enumerate()
-            .map(|(at, (settings, path))| {
-                let terrain = &scenario.terrain;
-                let tilt = terrain.tilt_sigma_deg.to_radians();
-                let bumps = [terrain.sigma_m, tilt, tilt].map(|sigma| sigma * really[3]);
-                let bumps = [0, 1, 2].map(|k| {
-                    wander(&mut rng(Purpose::Ride, 3 * at + k), bumps[k], terrain.correlation_s, times)
-                });
-                let mut beside = rng(Purpose::Beside, at);
-                let side = wander(&mut beside, settings.side_wander_m, settings.wander_s, times);
-                Ride { settings, path, bumps, side, bias_m }
-            })
-            .collect();
-        let mut of_camera = rng(Purpose::CameraPath, 0);
-        let flight = &scenario.flight;
+    fn time_s(&self, frame: usize) -> f64 {
+        frame as f64 / self.scenario.film.rate_hz
+    }
+
+    fn middle_s(&self) -> f64 {
+        0.5 * self.time_s(self.scenario.film.frames - 1)
+    }
+
+    /// Times of what wanders, so many to each frame.
+    fn times(&self, each: usize) -> Times {
+        Times::of_film(self.scenario.film.frames, self.scenario.film.rate_hz, each)
+    }
+
+    fn true_numbers(&self, errors: &Errors) -> TrueNumbers {
+        let Scenario { terrain, camera, errors: settings, .. } = &self.scenario;
+        let mut knowledge = self.rng(errors, Purpose::Knowledge, 0);
+        let bias_m = normal(&mut knowledge) * terrain.bias_sigma_m * settings.really.terrain;
+        let readout_error_s = normal(&mut knowledge) * camera.readout_sigma_s;
+        TrueNumbers {
+            camera: self.true_camera(errors),
+            readout_s: camera.readout_s + errors.on * readout_error_s,
+            bias_m,
+        }
+    }
+
+    /// Where vehicles drive.
+    fn paths(&self, errors: &Errors) -> Vec<PlanPath> {
+        let path = |(at, (settings, tracked)): (usize, (&VehicleSettings, &Tracked))| {
+            let wanders = [settings.wander_m, settings.yaw_wander_deg.to_radians()];
+            let [along, yaw] = [0, 1].map(|k| {
+                let mut rng = self.rng(errors, Purpose::VehiclePath, 2 * at + k);
+                wander(&mut rng, wanders[k], settings.wander_s, self.times(1))
+            });
+            PlanPath::new(settings, &tracked.rows, self.times(FINE), [&along, &yaw], self.middle_s())
+        };
+        self.scenario.vehicles.iter().zip(&self.vehicles).enumerate().map(path).collect()
+    }
+
+    /// How they ride along their paths.
+    fn rides<'w>(&'w self, errors: &Errors, paths: &'w [PlanPath], bias_m: f64) -> Vec<Ride<'w>> {
+        let (terrain, times) = (&self.scenario.terrain, self.times(1));
+        let tilt = terrain.tilt_sigma_deg.to_radians();
+        let sigmas = [terrain.sigma_m, tilt, tilt].map(|sigma| sigma * self.scenario.errors.really.terrain);
+        let ride = |(at, (settings, path)): (usize, (&'w VehicleSettings, &'w PlanPath))| {
+            let bumps = [0, 1, 2].map(|k| {
+                let mut rng = self.rng(errors, Purpose::Ride, 3 * at + k);
+                wander(&mut rng, sigmas[k], terrain.correlation_s, times)
+            });
+            let mut beside = self.rng(errors, Purpose::Beside, at);
+            let side = wander(&mut beside, settings.side_wander_m, settings.wander_s, times);
+            Ride { settings, path, bumps, side, bias_m }
+        };
+        self.scenario.vehicles.iter().zip(paths).enumerate().map(ride).collect()
+    }
+
+    fn drone<'w>(&'w self, errors: &Errors, followed: Option<&'w PlanPath>) -> Result<Drone<'w>, Findings> {
+        let (scenario, flight) = (&self.scenario, &self.scenario.flight);
         let ground =
             self.terrain.at(0.0, 0.0).map_err(|e| no_ground(scenario, "the scene", &e.to_string()))?;
-        let drone = Drone {
+        let mut rng = self.rng(errors, Purpose::CameraPath, 0);
+        Ok(Drone {
             scenario,
             ground_m: ground.height_m,
-            drift: wanders(&mut of_camera, flight.drift_m, flight.drift_s, times),
-            sway: wanders(&mut of_camera, flight.sway_deg.to_radians(), flight.sway_s, times),
-            vibration: (0..frames)
-                .map(|_| normal3(&mut of_camera) * flight.vibration_deg.to_radians())
+            drift: wanders(&mut rng, flight.drift_m, flight.drift_s, self.times(1)),
+            sway: wanders(&mut rng, flight.sway_deg.to_radians(), flight.sway_s, self.times(1)),
+            vibration: (0..scenario.film.frames)
+                .map(|_| normal3(&mut rng) * flight.vibration_deg.to_radians())
                 .collect(),
-            followed: paths.first(),
-            middle_s,
-        };
-        let cameras: Vec<Pose> = (0..frames).map(|frame| drone.pose(frame, time(frame))).collect();
+            followed,
+            middle_s: self.middle_s(),
+        })
+    }
 
-        // An image point is seen at the time of its row.
-        let seen = |frame: usize, place: &Place<'_>| -> Option<Vector2<f64>> {
-            let mut row_s = 0.0_f64;
-            for _ in 0..ROW_STEPS {
-                let at = time(frame) + row_s;
-                let found = true_camera
-                    .project(&drone.pose(frame, at).inverse_transform_point(&place(at)?).coords)?;
-                let next_s = true_camera.row_delay(found.y) * readout_s;
-                if (next_s - row_s).abs() < ROW_TOLERANCE_S {
-                    return scenario.camera.camera.contains(&found).then_some(found);
-                }
-                row_s = next_s;
+    /// An image point is seen at the time of its row.
+    fn pixel(
+        &self,
+        drone: &Drone<'_>,
+        really: &TrueNumbers,
+        frame: usize,
+        place: &Place<'_>,
+    ) -> Option<Vector2<f64>> {
+        let mut row_s = 0.0_f64;
+        for _ in 0..ROW_STEPS {
+            let at = self.time_s(frame) + row_s;
+            let in_camera = drone.pose(frame, at).inverse_transform_point(&place(at)?);
+            let found = really.camera.project(&in_camera.coords)?;
+            let next_s = really.camera.row_delay(found.y) * really.readout_s;
+            if (next_s - row_s).abs() < ROW_TOLERANCE_S {
+                return self.scenario.camera.camera.contains(&found).then_some(found);
             }
-            None
-        };
-
-        let (mut vehicles, mut found, mut velocities, mut gross) =
-            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut wrong_tracks = Vec::new();
-        let mut references = Vec::new();
-        let mut receivers: Vec<Received> = Vec::new();
-        for (at, ride) in rides.iter().enumerate() {
-            let settings = &scenario.vehicles[at];
-            let off_ground =
-                |e: NoGround| no_ground(scenario, &format!("{} on its way", settings.id), &e.to_string());
-            let poses: Vec<Pose> = (0..frames)
-                .map(|frame| ride.pose(self, time(frame)))
-                .collect::<Result<_, _>>()
-                .map_err(off_ground)?;
-            let place_of = |place: Point3<f64>| move |t: f64| Some(ride.pose(self, t).ok()? * place);
-            let sights = self.sights(at, &errors, &poses, &cameras, &seen, &place_of);
-            gross.extend(sights.gross);
-            wrong_tracks.push(sights.wrong_tracks);
-            let marker = self.vehicles[at].body.marker;
-            let step = 1e-3 / rate_hz;
-            let velocity = |frame: usize| {
-                let [before, after] =
-                    [-step, step].map(|h| ride.pose(self, time(frame) + h).map(|pose| pose * marker));
-                Ok((after? - before?) / (2.0 * step))
-            };
-            velocities.push((0..frames).map(velocity).collect::<Result<_, _>>().map_err(off_ground)?);
-            let mut own = rng(Purpose::Knowledge, 1 + at);
-            let (mut mark_error, height_error) = (normal(&mut own), normal(&mut own));
-            mark_error *= errors.on * really[4];
-            let points: Vec<Point3<f64>> = sights.points.iter().map(|(_, place)| *place).collect();
-            let highest = points.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max);
-            let known = |value_m: f64, sigma_m: f64, error: f64| Known {
-                value_m: value_m + sigma_m * error,
-                sigma_m: sigma_m.max(LEAST_KNOWN_M),
-            };
-            let shape = sights.points.iter().map(|(id, place)| {
-                let height = settings.marker_sigma_m.filter(|_| id == super::MARKER);
-                ShapePoint {
-                    id: id.clone(),
-                    known: [None, None, height.map(|s| known(place.z, s, mark_error))],
-                }
-            });
-            let marker_index = sights.points.iter().position(|(id, _)| id == super::MARKER);
-            vehicles.push(Vehicle {
-                id: settings.id.clone(),
-                marker: marker_index,
-                height: settings
-                    .height_sigma_m
-                    .filter(|_| highest.is_finite())
-                    .map(|sigma_m| known(highest, sigma_m, errors.on * really[4] * height_error)),
-                scale_bars: Vec::new(),
-                is_car: settings.is_car,
-                points: shape.collect(),
-                observations: sights.observations,
-                poses: self.given(&poses, &scenario.poses[1], &errors, Purpose::VehiclePoses, at, true),
-            });
-            found.push(VehicleEstimate {
-                poses: poses.iter().copied().map(Some).collect(),
-                open_depth: vec![false; points.len()],
-                points: points.into_iter().map(Some).collect(),
-                motion: None,
-                axle: [0.0; 2],
-                left_out: None,
-            });
-            let (received, reference) =
-                self.received(at, &errors, &|t| Some(ride.pose(self, t).ok()? * marker));
-            references.push(reference);
-            if let (Some(received), Some(point)) = (received, marker_index) {
-                receivers.push((Receiver { vehicle: at, point, ..received.0 }, received.1));
-            }
+            row_s = next_s;
         }
+        None
+    }
 
-        let (targets, target_observations, of_targets) = self.target_sights(&errors, &seen);
-        gross.extend(of_targets);
-        let [camera_poses, vehicle_poses] = &scenario.poses;
-        let terrain = &scenario.terrain;
-        let problem = Problem {
-            name: scenario.name.clone(),
-            camera: scenario.camera.camera.clone(),
-            calibration: scenario.camera.calibration,
+    fn film_vehicle(
+        &self,
+        at: usize,
+        ride: &Ride<'_>,
+        errors: &Errors,
+        cameras: &[Pose],
+        seen: &Seen<'_>,
+        filmed: &mut Filmed,
+    ) -> Result<(), Findings> {
+        let (scenario, settings) = (&self.scenario, &self.scenario.vehicles[at]);
+        let frames = 0..scenario.film.frames;
+        let off_ground =
+            |e: NoGround| no_ground(scenario, &format!("{} on its way", settings.id), &e.to_string());
+        let poses: Result<Vec<Pose>, _> =
+            frames.clone().map(|frame| ride.pose(self, self.time_s(frame))).collect();
+        let poses = poses.map_err(off_ground)?;
+        let sights = self.sights(errors, &View { vehicle: at, ride, poses: &poses, cameras, seen });
+        let marker = self.vehicles[at].body.marker;
+        let step = 1e-3 / scenario.film.rate_hz;
+        let velocity = |frame: usize| {
+            let [before, after] =
+                [-step, step].map(|h| ride.pose(self, self.time_s(frame) + h).map(|pose| pose * marker));
+            Ok((after? - before?) / (2.0 * step))
+        };
+        filmed.velocities.push(frames.map(velocity).collect::<Result<_, _>>().map_err(off_ground)?);
+        let vehicle = self.vehicle(at, errors, &poses, &sights);
+        let (received, reference) = self.received(at, errors, &|t| Some(ride.pose(self, t).ok()? * marker));
+        filmed.references.push(reference);
+        if let (Some((receiver, truth)), Some(point)) = (received, vehicle.marker) {
+            filmed.receivers.push((Receiver { vehicle: at, point, ..receiver }, truth));
+        }
+        filmed.truth.push(VehicleEstimate {
+            poses: poses.into_iter().map(Some).collect(),
+            open_depth: vec![false; sights.points.len()],
+            points: sights.points.iter().map(|(_, place)| Some(*place)).collect(),
+            motion: None,
+            axle: [0.0; 2],
+            left_out: None,
+        });
+        filmed.vehicles.push(Vehicle { observations: sights.observations, ..vehicle });
+        filmed.gross.extend(sights.gross);
+        filmed.wrong_tracks.push(sights.wrong_tracks);
+        Ok(())
+    }
+
+    /// What the problem says of a vehicle, but for its image points.
+    fn vehicle(&self, at: usize, errors: &Errors, poses: &[Pose], sights: &Sights) -> Vehicle {
+        let settings = &self.scenario.vehicles[at];
+        let mut rng = self.rng(errors, Purpose::Knowledge, 1 + at);
+        let [mark_error, height_error] = [(); 2].map(|()| normal(&mut rng));
+        let scatter = errors.on * self.scenario.errors.really.height;
+        let highest = sights.points.iter().map(|(_, p)| p.z).fold(f64::NEG_INFINITY, f64::max);
+        let known = |value_m: f64, sigma_m: f64, error: f64| Known {
+            value_m: value_m + sigma_m * error,
+            sigma_m: sigma_m.max(LEAST_KNOWN_M),
+        };
+        let shape = sights.points.iter().map(|(id, place)| {
+            let height = settings.marker_sigma_m.filter(|_| id == super::MARKER);
+            ShapePoint {
+                id: id.clone(),
+                known: [None, None, height.map(|s| known(place.z, s, mark_error * scatter))],
+            }
+        });
+        Vehicle {
+            id: settings.id.clone(),
+            marker: sights.points.iter().position(|(id, _)| id == super::MARKER),
+            height: settings
+                .height_sigma_m
+                .filter(|_| highest.is_finite())
+                .map(|sigma_m| known(highest, sigma_m, scatter * height_error)),
+            scale_bars: Vec::new(),
+            is_car: settings.is_car,
+            points: shape.collect(),
+            observations: Vec::new(),
+            poses: self.given(poses, &self.scenario.poses[1], errors, Purpose::VehiclePoses, at, true),
+        }
+    }
+
+    /// What the problem says, but for what is on the ground.
+    fn problem(&self, errors: &Errors, cameras: &[Pose]) -> Problem {
+        let Scenario { camera, terrain, poses: [camera_poses, vehicle_poses], .. } = &self.scenario;
+        let frame = |at: usize| Frame { number: at as i64, time_s: self.time_s(at) };
+        Problem {
+            name: self.scenario.name.clone(),
+            camera: camera.camera.clone(),
+            calibration: camera.calibration,
             shutter: Shutter {
-                readout_s: scenario.camera.readout_s,
-                freedom: match scenario.camera.readout_sigma_s {
+                readout_s: camera.readout_s,
+                freedom: match camera.readout_sigma_s {
                     0.0 => Freedom::Fixed,
                     sigma_s => Freedom::Prior(sigma_s),
                 },
             },
-            frames: (0..frames).map(|at| Frame { number: at as i64, time_s: time(at) }).collect(),
-            camera_poses: self.given(&cameras, camera_poses, &errors, Purpose::CameraPoses, 0, false),
+            frames: (0..self.scenario.film.frames).map(frame).collect(),
+            camera_poses: self.given(cameras, camera_poses, errors, Purpose::CameraPoses, 0, false),
             camera_pose_sigma: pose_sigma(camera_poses, 1.0),
-            targets,
-            target_observations,
-            vehicles,
+            targets: Vec::new(),
+            target_observations: Vec::new(),
+            vehicles: Vec::new(),
             vehicle_pose_sigma: pose_sigma(vehicle_poses, 0.5),
             ground: terrain.is_known.then(|| GroundKnowledge {
                 terrain: self.terrain.clone(),
@@ -323,25 +406,15 @@ impl World {
                 bias_sigma_m: terrain.bias_sigma_m,
                 tilt_sigma_rad: terrain.tilt_sigma_deg.to_radians(),
             }),
-            receivers: receivers.iter().map(|(receiver, _)| receiver.clone()).collect(),
+            receivers: Vec::new(),
             video: None,
-        };
-        let truth = Estimate {
-            camera_poses: cameras,
-            vehicles: found,
-            targets: self.targets.iter().copied().map(Some).collect(),
-            terrain_bias_m: if terrain.is_known { bias_m } else { 0.0 },
-            camera: true_camera.clone(),
-            readout_s,
-            receivers: receivers.into_iter().map(|(_, found)| found).collect(),
-        };
-        Ok(Film { problem, truth, velocities, gross, wrong_tracks, references })
+        }
     }
 
     /// The camera as it really is.
     fn true_camera(&self, errors: &Errors) -> Camera {
         let settings = &self.scenario.errors;
-        let mut rng = stream(self.seed, errors.run, Purpose::Calibration, 0);
+        let mut rng = self.rng(errors, Purpose::Calibration, 0);
         let mut camera = self.scenario.camera.camera.clone();
         let [focal, x, y] = std::array::from_fn(|_| errors.on * normal(&mut rng));
         camera.focal_px *= 1.0 + settings.focal * focal;
@@ -394,7 +467,7 @@ impl World {
         let mut survey = stream(self.seed, errors.run, Purpose::Survey, 0);
         let first_check = settings.count - settings.check;
         let target = |(at, place): (usize, &Point3<f64>)| {
-            let error = normal3(&mut survey) * (settings.sigma_m * of.really[2] * errors.on);
+            let error = normal3(&mut survey) * (settings.sigma_m * of.really.survey * errors.on);
             let known = |axis: usize| Known { value_m: place[axis] + error[axis], sigma_m: settings.sigma_m };
             Target {
                 id: format!("T{at:03}"),
@@ -409,7 +482,7 @@ impl World {
         for frame in 0..scenario.film.frames {
             for (target, place) in self.targets.iter().enumerate() {
                 let Some(pixel) = seen(frame, &|_| Some(*place)) else { continue };
-                let noise = white(&mut images) * (of.target_px * of.really[1] * errors.on);
+                let noise = white(&mut images) * (of.target_px * of.really.target_px * errors.on);
                 let mut image_px = pixel + noise;
                 let (draw, off) = (chance.random::<f64>(), gross_px(&mut chance, of.gross_px));
                 if draw < of.gross_targets {
@@ -485,103 +558,124 @@ struct Sights {
     wrong_tracks: BTreeSet<String>,
 }
 
+/// A vehicle before the camera.
+struct View<'a> {
+    vehicle: usize,
+    ride: &'a Ride<'a>,
+    poses: &'a [Pose],
+    cameras: &'a [Pose],
+    seen: &'a Seen<'a>,
+}
+
+/// An image point of a track.
+struct Sight {
+    frame: usize,
+    track: usize,
+    image_px: Vector2<f64>,
+    is_gross: bool,
+}
+
 impl World {
-    fn sights<F: Fn(f64) -> Option<Point3<f64>>>(
-        &self,
-        vehicle: usize,
-        errors: &Errors,
-        poses: &[Pose],
-        cameras: &[Pose],
-        seen: &Seen<'_>,
-        place_of: &dyn Fn(Point3<f64>) -> F,
-    ) -> Sights {
-        let (settings, of) = (&self.scenario.vehicles[vehicle], &self.scenario.errors);
+    fn sights(&self, errors: &Errors, view: &View<'_>) -> Sights {
+        let vehicle = view.vehicle;
         let tracks = &self.vehicles[vehicle].tracks;
-        let least_cosine = settings.grazing_deg.to_radians().cos();
         // Which tracks go wrong, and where to, is chance; which image points are missing is not.
-        let mut chance = stream(self.seed, errors.run, Purpose::Gross, vehicle);
-        let mut fates: Vec<Fate> = Vec::new();
-        for track in tracks {
-            let (draw, x, y): (f64, f64, f64) =
-                (chance.random(), chance.random_range(-3.0..3.0), chance.random_range(-3.0..3.0));
-            let at = chance.random_range(track.frames.clone());
-            let on_ground = || {
-                let place = poses[at].translation.vector;
-                let (x, y) = (place.x + x, place.y + y);
-                let z = self.terrain.at(x, y).map_or(place.z, |ground| ground.height_m);
-                Fate::Ground(Point3::new(x, y, z))
-            };
-            // The marker is painted on, and stays.
-            let is_marker = track.id == super::MARKER;
-            fates.push(match draw {
-                _ if is_marker => Fate::Good,
-                draw if draw < of.ground_tracks => on_ground(),
-                draw if draw < of.ground_tracks + of.swapped_tracks => {
-                    let other = chance.random_range(0..tracks.len());
-                    Fate::Swapped(other, track.frames.start + (track.frames.len()) / 2)
-                }
-                _ => Fate::Good,
-            });
-        }
-        let mut images: Vec<ChaCha8Rng> =
-            vec![stream(self.seed, errors.run, Purpose::VehicleImages, vehicle)];
-        let images = &mut images[0];
-        let mut missing = stream(self.seed, 2, Purpose::Tracks, vehicle);
-        let mut rows: Vec<(usize, usize, Vector2<f64>, bool)> = Vec::new();
-        for frame in 0..poses.len() {
-            for (at, track) in tracks.iter().enumerate() {
-                if !track.frames.contains(&frame) {
-                    continue;
-                }
-                let is_missing = missing.random::<f64>() < settings.dropout;
-                let noise = white(images) * (of.vehicle_px * of.really[0] * errors.on);
-                let (draw, off) = (chance.random::<f64>(), gross_px(&mut chance, of.gross_px));
-                let (place, normal, is_body) = match fates[at] {
-                    Fate::Ground(place) => (place, Vector3::z(), false),
-                    Fate::Swapped(other, from) if frame >= from => {
-                        (tracks[other].place, tracks[other].normal, true)
-                    }
-                    _ => (track.place, track.normal, true),
-                };
-                let is_wrong = !is_body || matches!(fates[at], Fate::Swapped(_, from) if frame >= from);
-                let pixel = if is_body {
-                    let (in_world, faces) = (poses[frame] * place, poses[frame].rotation * normal);
-                    let view = cameras[frame].translation.vector - in_world.coords;
-                    let is_seen = faces.dot(&view.normalize()) > least_cosine;
-                    if is_seen { seen(frame, &place_of(place)) } else { None }
-                } else {
-                    seen(frame, &|_| Some(place))
-                };
-                let Some(pixel) = pixel.filter(|_| !is_missing) else { continue };
-                let is_single = draw < of.gross;
-                let image_px = pixel + noise + if is_single { off } else { Vector2::zeros() };
-                rows.push((frame, at, image_px, is_wrong || is_single));
-            }
-        }
+        let mut chance = self.rng(errors, Purpose::Gross, vehicle);
+        let fates: Vec<Fate> =
+            tracks.iter().map(|track| self.fate(track, tracks, view.poses, &mut chance)).collect();
+        let mut rows = self.image_points(errors, view, &fates, &mut chance);
         if errors.on == 0.0 {
-            rows.retain(|row| !row.3);
+            rows.retain(|row| !row.is_gross);
         }
         // Points that are seen in one frame have no place.
         let mut sightings = vec![0_usize; tracks.len()];
-        rows.iter().for_each(|row| sightings[row.1] += 1);
+        rows.iter().for_each(|row| sightings[row.track] += 1);
         let mut order: Vec<usize> = (0..tracks.len()).filter(|at| sightings[*at] >= 2).collect();
         order.sort_by(|a, b| tracks[*a].id.cmp(&tracks[*b].id));
         let mut index = vec![None; tracks.len()];
         order.iter().enumerate().for_each(|(to, at)| index[*at] = Some(to));
+        let sigma_px = self.scenario.errors.vehicle_px;
         let (mut observations, mut gross) = (Vec::new(), Vec::new());
-        for (frame, at, image_px, is_gross) in rows {
-            let Some(point) = index[at] else { continue };
+        for Sight { frame, track, image_px, is_gross } in rows {
+            let Some(point) = index[track] else { continue };
             if is_gross {
-                gross.push((frame as i64, Some(vehicle), tracks[at].id.clone()));
+                gross.push((frame as i64, Some(vehicle), tracks[track].id.clone()));
             }
-            observations.push(VehicleObservation { frame, point, image_px, sigma_px: of.vehicle_px });
+            observations.push(VehicleObservation { frame, point, image_px, sigma_px });
         }
         observations.sort_by_key(|o| (o.frame, o.point));
         let points = order.iter().map(|at| (tracks[*at].id.clone(), tracks[*at].place)).collect();
-        let is_wrong = |fate: &Fate| !matches!(fate, Fate::Good);
-        let wrong = tracks.iter().zip(&fates).filter(|(_, fate)| is_wrong(fate));
+        let wrong = tracks.iter().zip(&fates).filter(|(_, fate)| !matches!(fate, Fate::Good));
         let wrong_tracks = wrong.map(|(track, _)| track.id.clone()).collect();
         Sights { points, observations, gross, wrong_tracks }
+    }
+
+    fn fate(&self, track: &Track, tracks: &[Track], poses: &[Pose], chance: &mut ChaCha8Rng) -> Fate {
+        let of = &self.scenario.errors;
+        let (draw, x, y): (f64, f64, f64) =
+            (chance.random(), chance.random_range(-3.0..3.0), chance.random_range(-3.0..3.0));
+        let at = chance.random_range(track.frames.clone());
+        let on_ground = || {
+            let place = poses[at].translation.vector;
+            let (x, y) = (place.x + x, place.y + y);
+            let z = self.terrain.at(x, y).map_or(place.z, |ground| ground.height_m);
+            Fate::Ground(Point3::new(x, y, z))
+        };
+        match draw {
+            // The marker is painted on, and stays.
+            _ if track.id == super::MARKER => Fate::Good,
+            draw if draw < of.ground_tracks => on_ground(),
+            draw if draw < of.ground_tracks + of.swapped_tracks => {
+                let other = chance.random_range(0..tracks.len());
+                Fate::Swapped(other, track.frames.start + (track.frames.len()) / 2)
+            }
+            _ => Fate::Good,
+        }
+    }
+
+    /// All image points of a vehicle, frame by frame; `chance` has drawn the fates of its tracks.
+    fn image_points(
+        &self,
+        errors: &Errors,
+        view: &View<'_>,
+        fates: &[Fate],
+        chance: &mut ChaCha8Rng,
+    ) -> Vec<Sight> {
+        let View { vehicle, ride, poses, cameras, seen } = *view;
+        let (settings, of) = (&self.scenario.vehicles[vehicle], &self.scenario.errors);
+        let tracks = &self.vehicles[vehicle].tracks;
+        let least_cosine = settings.grazing_deg.to_radians().cos();
+        let mut images = self.rng(errors, Purpose::VehicleImages, vehicle);
+        let mut missing = stream(self.seed, 2, Purpose::Tracks, vehicle);
+        let mut rows = Vec::new();
+        for frame in 0..poses.len() {
+            for (at, track) in tracks.iter().enumerate().filter(|(_, track)| track.frames.contains(&frame)) {
+                let is_missing = missing.random::<f64>() < settings.dropout;
+                let noise = white(&mut images) * (of.vehicle_px * of.really.vehicle_px * errors.on);
+                let (draw, off) = (chance.random::<f64>(), gross_px(chance, of.gross_px));
+                let (on, is_other) = match fates[at] {
+                    Fate::Swapped(other, from) if frame >= from => (&tracks[other], true),
+                    _ => (track, false),
+                };
+                let (place, normal) = (on.place, on.normal);
+                let of_body = || {
+                    let (in_world, faces) = (poses[frame] * place, poses[frame].rotation * normal);
+                    let to_camera = cameras[frame].translation.vector - in_world.coords;
+                    let is_seen = faces.dot(&to_camera.normalize()) > least_cosine;
+                    let at_time = |t: f64| Some(ride.pose(self, t).ok()? * place);
+                    if is_seen { seen(frame, &at_time) } else { None }
+                };
+                let (pixel, is_wrong) = match fates[at] {
+                    Fate::Ground(place) => (seen(frame, &|_| Some(place)), true),
+                    _ => (of_body(), is_other),
+                };
+                let Some(pixel) = pixel.filter(|_| !is_missing) else { continue };
+                let is_single = draw < of.gross;
+                let image_px = pixel + noise + if is_single { off } else { Vector2::zeros() };
+                rows.push(Sight { frame, track: at, image_px, is_gross: is_wrong || is_single });
+            }
+        }
+        rows
     }
 }
 

@@ -3,7 +3,7 @@
 use super::presets::{PRESETS, Preset};
 use super::scenario::{
     BodySettings, CameraSettings, Course, ErrorSettings, FilmSettings, FlightSettings, Given, GnssSettings,
-    PathSettings, PoseSettings, Scenario, Segment, TargetSettings, TerrainSettings, VehicleSettings,
+    PathSettings, PoseSettings, Scatter, Scenario, Segment, TargetSettings, TerrainSettings, VehicleSettings,
 };
 use crate::files::section::{Document, Section};
 use crate::files::{read_camera, read_vehicle_id};
@@ -62,7 +62,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         swapped_tracks: 0.0,
         focal: 0.0,
         principal_px: 0.0,
-        really: [1.0; 5],
+        really: Scatter::AS_STATED,
     });
     let poses = [("camera_poses", [0.3, 0.5]), ("vehicle_poses", [0.25, 2.0])].map(|(key, [m, deg])| {
         top.table(key, |section| pose_settings(section, m, deg)).unwrap_or(PoseSettings {
@@ -316,7 +316,13 @@ fn errors(errors: &Section) -> ErrorSettings {
     }
     let really = errors.table("really", |section| {
         let factor = |key| section.not_negative(key).unwrap_or(1.0);
-        ["vehicle_px", "target_px", "survey", "terrain", "height"].map(factor)
+        Scatter {
+            vehicle_px: factor("vehicle_px"),
+            target_px: factor("target_px"),
+            survey: factor("survey"),
+            terrain: factor("terrain"),
+            height: factor("height"),
+        }
     });
     ErrorSettings {
         vehicle_px: errors.positive("vehicle_px").unwrap_or(1.0),
@@ -328,7 +334,7 @@ fn errors(errors: &Section) -> ErrorSettings {
         swapped_tracks: share(errors, "swapped_tracks"),
         focal: or("focal", 0.0),
         principal_px: or("principal_px", 0.0),
-        really: really.unwrap_or([1.0; 5]),
+        really: really.unwrap_or(Scatter::AS_STATED),
     }
 }
 

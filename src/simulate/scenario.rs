@@ -258,9 +258,29 @@ pub struct ErrorSettings {
     pub focal: f64,
     /// Of the principal point, per axis.
     pub principal_px: f64,
-    /// By what errors really scatter, as a multiple of what the problem says: image points of vehicles, of targets,
-    /// survey, terrain, heights.
-    pub really: [f64; 5],
+    /// By what errors really scatter.
+    pub really: Scatter,
+}
+
+/// `[errors.really]`: by what errors scatter, as a multiple of what the problem says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scatter {
+    /// Image points of vehicles.
+    pub vehicle_px: f64,
+    /// Image points of targets.
+    pub target_px: f64,
+    /// The survey of targets.
+    pub survey: f64,
+    /// Contact with the ground, and its bias.
+    pub terrain: f64,
+    /// Known heights.
+    pub height: f64,
+}
+
+impl Scatter {
+    /// As the problem says.
+    pub const AS_STATED: Scatter =
+        Scatter { vehicle_px: 1.0, target_px: 1.0, survey: 1.0, terrain: 1.0, height: 1.0 };
 }
 
 /// What a problem says of its poses.

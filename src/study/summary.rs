@@ -4,10 +4,8 @@ use super::Outcome;
 use super::cell::RunErrors;
 use super::settings::{Cell, Study};
 use crate::diagnose::Quantity;
+use crate::stats::normal::TWO_SIDED_95;
 use std::collections::HashMap;
-
-/// Half the width of a 95 % interval, in standard deviations.
-const INTERVAL: f64 = 1.96;
 
 /// A row.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,7 +70,7 @@ fn of_cell(cell: usize, outcome: &Outcome) -> Vec<Row> {
             let moments = moments(&squares);
             let ratio =
                 moments.filter(|_| sigmas[at] > 0.0 && sigmas[at].is_finite()).map(|[mean, spread]| {
-                    let error = INTERVAL * spread / (squares.len() as f64).sqrt();
+                    let error = TWO_SIDED_95 * spread / (squares.len() as f64).sqrt();
                     [mean, (mean - error).max(0.0), mean + error].map(|square| square.sqrt() / sigmas[at])
                 });
             rows.push(Row {

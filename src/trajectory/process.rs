@@ -22,6 +22,7 @@
 //! Estimation for Robotics* (2017), sections 3.4 and 11.1; Wahba, *Improper priors, spline
 //! smoothing and the problem of guarding against model errors in regression*, JRSS B 40 (1978).
 
+use crate::stats::quantile::upper_median;
 use nalgebra::{Cholesky, DMatrix, Matrix3, Matrix3x6, Matrix3xX, Matrix6, Matrix6xX};
 
 /// Which derivative of the position is white noise.
@@ -199,9 +200,7 @@ fn noise_inverse(order: Order, h: f64) -> Matrix3<f64> {
 }
 
 fn median_step(times: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    steps.sort_by(f64::total_cmp);
-    steps[steps.len() / 2]
+    upper_median(times.windows(2).map(|pair| pair[1] - pair[0]).collect()).unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 use rerun::EntityPathPart;
 
+/// The application that recordings belong to; viewers keep one layout for each.
+pub const APPLICATION: &str = "trackbundle";
 /// The world, z up.
 pub const WORLD: &str = "world";
 /// The camera's pose after the adjustment.

@@ -26,8 +26,6 @@ use rerun::{
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// The application that recordings belong to; viewers keep one layout for each.
-pub const APPLICATION: &str = "trackbundle";
 /// Half the width of lines on the screen.
 const BEFORE_WIDTH: f32 = 0.6;
 const AFTER_WIDTH: f32 = 1.5;
@@ -56,7 +54,7 @@ pub fn builder(scenes: &[Scene]) -> RecordingStreamBuilder {
         (&scene.name, &scene.root, &scene.summary).hash(&mut hasher);
     }
     let name = name(scenes);
-    RecordingStreamBuilder::new(APPLICATION)
+    RecordingStreamBuilder::new(path::APPLICATION)
         .recording_id(format!("{name}-{:016x}", hasher.finish()))
         .recording_name(name)
         // A time of its own would make equal scenes unequal files.

@@ -15,13 +15,12 @@ use super::p3p::p3p;
 use crate::camera::Camera;
 use crate::geometry::rotation::exp;
 use crate::geometry::{Pose, skew};
+use crate::stats::normal::GROSS_SIGMAS;
 use nalgebra::{Matrix2, Matrix2x3, Matrix2x6, Matrix6, Point3, Vector2, Vector3, Vector6};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use trackbundle_solver::loss::{Loss, LossName};
 
-/// An image point this many standard deviations off is a gross error, as in the adjustment.
-pub const GROSS_SIGMAS: f64 = 5.12;
 /// Most triples that are tried in a frame. With 30 % gross errors one in three is good.
 const MOST_TRIPLES: usize = 60;
 /// Of so many random triples the widest is tried.

@@ -15,6 +15,7 @@ mod summary;
 use crate::camera::Camera;
 use crate::geometry::{Pose, interpolate};
 use crate::problem::{PoseSigma, Problem, Role};
+use crate::stats::normal::GROSS_SIGMAS;
 use frame::{Fit, Frame, Sighting};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use path::Anchor;
@@ -266,8 +267,7 @@ impl Film<'_> {
 
     /// Whether the points that agree on a fit determine it.
     fn is_determined(&self, at: usize, fit: &Fit) -> Result<(), Reason> {
-        let inside =
-            self.sightings[at].iter().zip(&fit.norms).filter(|(_, norm)| **norm <= frame::GROSS_SIGMAS);
+        let inside = self.sightings[at].iter().zip(&fit.norms).filter(|(_, norm)| **norm <= GROSS_SIGMAS);
         if is_on_a_line(inside.map(|(sighting, _)| sighting)) {
             return Err(Reason::OnALine);
         }

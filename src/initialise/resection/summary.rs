@@ -3,6 +3,7 @@
 use super::frame::largest_sigmas;
 use super::{FrameResection, Reason, Resection, Status};
 use crate::problem::Frame;
+use crate::stats::quantile::upper_median;
 
 /// Runs of bridged frames that are named one by one.
 const MOST_RUNS: usize = 8;
@@ -56,9 +57,7 @@ impl Resection {
 
 /// Zero where there is none.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    upper_median(values.collect()).unwrap_or(0.0)
 }
 
 impl Reason {

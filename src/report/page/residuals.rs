@@ -2,9 +2,9 @@
 
 use super::content::{Section, Table, decimal};
 use super::figure::{Figure, Layer, colour};
-use crate::evaluate::statistics::quantile;
 use crate::files::ResultResidual;
 use crate::problem::{Problem, Role};
+use crate::stats::quantile::quantile;
 use nalgebra::Vector2;
 use std::collections::{BTreeMap, HashMap};
 

@@ -3,8 +3,9 @@
 use super::content::{Headline, Section, Table, cm, cm_or_dash, decimal};
 use super::figure::{Figure, Layer, colour};
 use crate::evaluate::VehicleEvaluation;
-use crate::evaluate::statistics::{Statistics, median, quantile};
+use crate::evaluate::statistics::Statistics;
 use crate::files::TrackPosition;
+use crate::stats::quantile::{median, quantile};
 use nalgebra::Point3;
 
 /// 95 % of a normal distribution lie within so many standard deviations of one axis.

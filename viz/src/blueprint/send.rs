@@ -3,7 +3,7 @@
 
 use crate::colour;
 use crate::error::RecordingError;
-use crate::recording::APPLICATION;
+use crate::path::APPLICATION;
 use rerun::blueprint::Blueprint;
 use rerun::external::arrow::array::{Array, AsArray};
 use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, TimePoint, Timeline};
