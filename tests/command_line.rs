@@ -66,7 +66,7 @@ fn the_tables_have_the_columns_of_the_format() {
              sigma_speed_mps,sigma_heading_deg"
                 .to_owned(),
         ),
-        ("residuals.csv", "frame,kind,vehicle,point,du,dv,weight".to_owned()),
+        ("residuals.csv", "frame,kind,vehicle,point,du,dv,weight,reason,u_computed,v_computed".to_owned()),
     ] {
         assert_eq!(header(&place.path().join("tiny-result").join(table)), wanted, "{table}");
     }

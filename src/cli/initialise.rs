@@ -6,13 +6,12 @@ use super::output::{counted, describe_resection, grouped, print};
 use super::session::Session;
 use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
-use crate::refine::{Excluded, Fits};
+use crate::refine::Fits;
 use crate::report::{Report, left_out, report_of_initial, result_tables, start_residuals_table};
 use crate::scene;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Instant;
-use trackbundle_solver::loss::Loss;
 
 /// Arguments of the command.
 #[derive(Debug, Args)]
@@ -55,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !initial.estimate.is_finite() {
         return Err(Failure::NoSolution("a starting value is out of all proportion".to_owned()));
     }
-    let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0, &Excluded::nothing(&problem));
+    let fits = Fits::of_start(&problem, &initial.estimate);
     let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
     let open = observability(&problem, &initial.estimate);
     report.add_observability(&open);

@@ -5,13 +5,14 @@ use super::{File, cloud};
 use crate::diagnose::{PosePrecision, Precision};
 use crate::estimate::Estimate;
 use crate::files::rows::{
-    CameraPoseResult, ResidualResult, ResultRow, StateResult, TrajectoryResult, VehiclePointResult,
+    CameraPoseResult, ResidualRow, ResultRow, StateResult, TrajectoryResult, VehiclePointResult,
     VehiclePoseResult,
 };
 use crate::files::{RESIDUALS, START_RESIDUALS};
 use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::Problem;
-use crate::refine::{Fits, ObservationFit};
+use crate::refine::{Fits, ObservationFit, Verdict};
+use nalgebra::Vector2;
 
 /// All tables and clouds of a result; standard deviations that are not there are left empty.
 pub fn result_tables(
@@ -252,26 +253,38 @@ pub fn states_table(
     table("states.csv", rows)
 }
 
-fn residuals(problem: &Problem, fits: &Fits) -> Vec<ResidualResult> {
-    let row = |frame: usize, kind, vehicle: &str, point: &str, fit: &ObservationFit| ResidualResult {
-        frame: problem.frames[frame].number,
-        kind,
-        vehicle: vehicle.to_owned(),
-        point: point.to_owned(),
-        du: round(fit.residual_px.x, PIXEL),
-        dv: round(fit.residual_px.y, PIXEL),
-        weight: round(fit.weight, RATIO),
-    };
+fn residuals(problem: &Problem, fits: &Fits) -> Vec<ResidualRow> {
+    let row =
+        |frame: usize, of: [&str; 3], image_px: Vector2<f64>, fit: &ObservationFit, verdict: &Verdict| {
+            let [kind, vehicle, point] = of;
+            let computed_px = image_px - fit.residual_px;
+            ResidualRow {
+                frame: problem.frames[frame].number,
+                kind: kind.to_owned(),
+                vehicle: Some(vehicle.to_owned()),
+                point: point.to_owned(),
+                du: round(fit.residual_px.x, PIXEL),
+                dv: round(fit.residual_px.y, PIXEL),
+                weight: round(fit.weight, RATIO),
+                reason: verdict.reason().map(|reason| reason.name().to_owned()),
+                u_computed: Some(round(computed_px.x, PIXEL)),
+                v_computed: Some(round(computed_px.y, PIXEL)),
+            }
+        };
     let mut rows = Vec::new();
-    for (vehicle, fits) in problem.vehicles.iter().zip(&fits.vehicles) {
-        for (observation, fit) in vehicle.observations.iter().zip(fits) {
-            let point = &vehicle.points[observation.point].id;
-            rows.extend(fit.map(|fit| row(observation.frame, "vehicle", &vehicle.id, point, &fit)));
+    for ((vehicle, fits), verdicts) in
+        problem.vehicles.iter().zip(&fits.vehicles).zip(&fits.verdicts.vehicles)
+    {
+        for ((o, fit), verdict) in vehicle.observations.iter().zip(fits).zip(verdicts) {
+            let of = ["vehicle", &vehicle.id, &vehicle.points[o.point].id];
+            rows.extend(fit.map(|fit| row(o.frame, of, o.image_px, &fit, verdict)));
         }
     }
-    for (observation, fit) in problem.target_observations.iter().zip(&fits.targets) {
-        let target = &problem.targets[observation.target].id;
-        rows.extend(fit.map(|fit| row(observation.frame, "target", "", target, &fit)));
+    for ((o, fit), verdict) in
+        problem.target_observations.iter().zip(&fits.targets).zip(&fits.verdicts.targets)
+    {
+        let of = ["target", "", &problem.targets[o.target].id];
+        rows.extend(fit.map(|fit| row(o.frame, of, o.image_px, &fit, verdict)));
     }
     rows
 }
