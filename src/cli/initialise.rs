@@ -7,7 +7,9 @@ use super::session::Session;
 use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
 use crate::refine::Fits;
-use crate::report::{Report, left_out, report_of_initial, result_tables, start_residuals_table};
+use crate::report::{
+    Report, left_out, report_of_initial, result_tables, start_residuals_table, targets_table,
+};
 use crate::scene;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -63,6 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
     let mut tables = result_tables(&problem, &initial.estimate, &fits, None);
+    tables.push(targets_table(&problem, &initial.estimate, &fits, &[], None));
     tables.push(start_residuals_table(&problem, &fits));
     let session = Session::open(output)?;
     let draw = |report: &Report| {

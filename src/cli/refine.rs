@@ -22,7 +22,7 @@ use crate::refine::{
 use crate::report::folder::{Holds, check_place};
 use crate::report::{
     Report, evaluation_report, left_out, report_of_adjustment, resection_report, result_tables,
-    start_residuals_table, states_table,
+    start_residuals_table, states_table, targets_table,
 };
 use crate::scene;
 use clap::Args;
@@ -164,6 +164,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     let precision = diagnosis.as_ref().map(|d| &d.precision);
     let mut tables = result_tables(&problem, estimate, &adjustment.fits, precision);
+    tables.push(targets_table(
+        &problem,
+        estimate,
+        &adjustment.fits,
+        &adjustment.check_points,
+        diagnosis.as_ref(),
+    ));
     tables.push(start_residuals_table(&problem, &Fits::of_start(&problem, &initial.estimate)));
     tables.extend(arguments.states.map(|rate_hz| states_table(&problem, estimate, precision, rate_hz)));
     let draw = |report: &Report| {

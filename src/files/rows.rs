@@ -159,6 +159,21 @@ input_row!(
 );
 written_as_read!(ResidualRow);
 
+input_row!(
+    /// `targets.csv` of a result: where each target is, and its survey minus that. A statistic is empty where there
+    /// is none.
+    #[derive(Serialize)]
+    TargetResultRow {
+        required target: String, required role: String,
+        required x: Option<f64>, required y: Option<f64>, required z: Option<f64>,
+        required sigma_x: ResultSigma, required sigma_y: ResultSigma, required sigma_z: ResultSigma,
+        required dx: Option<f64>, required dy: Option<f64>, required dz: Option<f64>,
+        required w_x: Option<f64>, required w_y: Option<f64>, required w_z: Option<f64>,
+        required used: i64, required rejected: i64,
+    }
+);
+written_as_read!(TargetResultRow);
+
 /// Declares a struct for the rows of a result table.
 macro_rules! result_row {
     ($(#[$doc:meta])* $name:ident { $($column:ident: $type:ty),* $(,)? }) => {
