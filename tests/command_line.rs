@@ -36,6 +36,7 @@ fn the_result_stands_beside_the_problem_and_is_whole() {
         "residuals.csv",
         "residuals_start.csv",
         "shape_cart.ply",
+        "targets.csv",
         "trajectories.csv",
         "vehicle_points.csv",
         "vehicle_poses.csv",
@@ -66,7 +67,11 @@ fn the_tables_have_the_columns_of_the_format() {
              sigma_speed_mps,sigma_heading_deg"
                 .to_owned(),
         ),
-        ("residuals.csv", "frame,kind,vehicle,point,du,dv,weight".to_owned()),
+        (
+            "targets.csv",
+            "target,role,x,y,z,sigma_x,sigma_y,sigma_z,dx,dy,dz,w_x,w_y,w_z,used,rejected".to_owned(),
+        ),
+        ("residuals.csv", "frame,kind,vehicle,point,du,dv,weight,reason,u_computed,v_computed".to_owned()),
     ] {
         assert_eq!(header(&place.path().join("tiny-result").join(table)), wanted, "{table}");
     }

@@ -62,6 +62,42 @@ fn groups(network: &Network) -> Vec<GroupId> {
     network.model.sources.iter().map(|(_, group)| *group).collect()
 }
 
+#[test]
+fn the_test_of_a_surveyed_coordinate_is_that_of_dense_algebra() {
+    let problem = small();
+    let (adjusted, diagnosis) = diagnosed(&problem, MotionPriors::OFF);
+    let network = adjusted.network.as_ref().unwrap();
+    let (system, inverse) = (&network.model.system, dense_normal(network).try_inverse().unwrap());
+    let mut wanted = Vec::new();
+    for group in network.model.groups_of(Source::Survey) {
+        let rows = system.residuals(group, &network.values).into_iter().flatten().flatten();
+        let mut jacobian = DMatrix::zeros(system.rows(group), inverse.nrows());
+        for column in 0..inverse.nrows() {
+            let mut unit = vec![0.0; inverse.nrows()];
+            unit[column] = 1.0;
+            jacobian.column_mut(column).copy_from_slice(&system.product(group, &network.values, &unit));
+        }
+        let leverage = &jacobian * &inverse * jacobian.transpose();
+        wanted.extend(rows.enumerate().map(|(at, v)| v.abs() / (1.0 - leverage[(at, at)]).sqrt()));
+    }
+    let mut found = Vec::new();
+    for ((target, place), w) in
+        problem.targets.iter().zip(&adjusted.estimate.targets).zip(&diagnosis.survey_tests)
+    {
+        for (axis, w) in w.iter().enumerate() {
+            let Some(w) = w else { continue };
+            let difference_m = target.known[axis].unwrap().value_m - place.unwrap()[axis];
+            assert_eq!(w.signum(), difference_m.signum(), "{}", target.id);
+            found.push(w.abs());
+        }
+    }
+    assert!(found.len() > 6, "{found:?}");
+    assert_eq!(found.len(), wanted.len());
+    for (found, wanted) in found.iter().zip(&wanted) {
+        assert!((found - wanted).abs() < 1e-5 * (1.0 + wanted), "{found} {wanted}");
+    }
+}
+
 /// Gradient of a function of the unknowns by central differences through the solver's own update.
 fn gradient(network: &Network, function: &dyn Fn(&Values) -> f64) -> DVector<f64> {
     let system = &network.model.system;

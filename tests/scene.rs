@@ -53,13 +53,13 @@ fn drawn() -> Drawn {
     let ids: Vec<String> = problem.vehicles.iter().map(|vehicle| vehicle.id.clone()).collect();
     let mut findings = Findings::default();
     let poses = read_poses(folder.path(), &problem.frames, &ids, &mut findings);
-    let residuals = read_residuals(folder.path(), RESIDUALS, &mut findings);
+    let residuals = read_residuals(folder.path(), RESIDUALS, Some(&problem), &mut findings);
     let shapes = read_points(folder.path(), Some(&ids), &mut findings);
     let tracks = read_tracks(folder.path(), Some(&ids), Some(&problem.frames)).unwrap();
     assert!(!findings.is_invalid(), "{findings}");
     let mut read = start;
     let shown =
-        scene::Shown { poses: &poses, tracks: &tracks, shapes: &shapes, residuals: residuals.as_deref() };
+        scene::Shown { poses: &poses, tracks: &tracks, shapes: &shapes, residuals: residuals.as_ref() };
     scene::add_result(&mut read, &problem, shown);
     Drawn { problem, adjusted, read, iterations, folder }
 }
@@ -93,7 +93,10 @@ fn a_result_is_drawn_the_same_from_its_adjustment_and_from_its_folder() {
     }
     let mut counts = BTreeMap::new();
     for (a, b) in adjusted.image_points.iter().flatten().zip(read.image_points.iter().flatten()) {
-        assert_eq!((a.kind, a.observed_px, a.marking), (b.kind, b.observed_px, b.marking));
+        assert_eq!(
+            (a.kind, a.observed_px, a.marking, a.reason),
+            (b.kind, b.observed_px, b.marking, b.reason)
+        );
         *counts.entry(format!("{:?}", a.marking)).or_insert(0) += 1;
         let away = |p: &viz::ImagePoint| p.computed_px.map(|c| [c[0], c[1], 0.0]);
         if let (Some(a), Some(b)) = (away(a), away(b)) {

@@ -7,6 +7,7 @@
 //! ```
 
 use super::fold::first_root;
+use super::model::{COEFFICIENTS, LensKeys, LensModel};
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use std::f64::consts::FRAC_PI_2;
 
@@ -33,36 +34,50 @@ impl Fisheye {
         self.k
     }
 
-    /// Other coefficients within the same cone.
-    #[inline(always)]
-    pub(super) fn near(&self, k: [f64; 4]) -> Fisheye {
-        Fisheye { k, fold_rad: self.fold_rad }
-    }
-
-    /// Derivative of [`Fisheye::distort`] by the coefficients, 2 x 4; it is linear in them.
-    pub(super) fn by_coefficients(ray: &Vector2<f64>) -> SMatrix<f64, 2, 4> {
-        let radius = ray.norm();
-        let angle = radius.atan();
-        let outwards = if radius == 0.0 { *ray } else { ray / radius };
-        SMatrix::from_fn(|axis, k| outwards[axis] * angle.powi(2 * k as i32 + 3))
-    }
-
     /// Angle off the axis at which the model folds over \[rad\]; 90 degrees where it does not before,
     /// for only what lies before the camera is seen.
     pub fn fold_rad(&self) -> f64 {
         self.fold_rad
     }
 
-    /// The direction that the lens bends `ray` to; `None` beyond the fold.
-    pub fn distort(&self, ray: &Vector2<f64>) -> Option<Vector2<f64>> {
+    /// `theta_d`.
+    fn bent(&self, angle: f64) -> f64 {
+        let ([k1, k2, k3, k4], s) = (self.k, angle * angle);
+        angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
+    }
+
+    /// Derivative of `theta_d` by `theta`.
+    fn slope(&self, angle: f64) -> f64 {
+        let ([k1, k2, k3, k4], s) = (self.k, angle * angle);
+        1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)))
+    }
+}
+
+impl LensModel for Fisheye {
+    const KEYS: LensKeys = LensKeys { model: "fisheye", coefficients: &["k1", "k2", "k3", "k4"], held: &[] };
+
+    fn of_numbers([k1, k2, k3, k4, _]: &[f64; COEFFICIENTS], _held: &[f64]) -> Self {
+        Fisheye::new([*k1, *k2, *k3, *k4])
+    }
+
+    fn numbers(&self) -> [f64; COEFFICIENTS] {
+        let [k1, k2, k3, k4] = self.k;
+        [k1, k2, k3, k4, 0.0]
+    }
+
+    #[inline(always)]
+    fn near(&self, [k1, k2, k3, k4, _]: &[f64; COEFFICIENTS]) -> Self {
+        Fisheye { k: [*k1, *k2, *k3, *k4], fold_rad: self.fold_rad }
+    }
+
+    fn distort(&self, ray: &Vector2<f64>) -> Option<Vector2<f64>> {
         let radius = ray.norm();
         let angle = radius.atan();
         let scale = if radius == 0.0 { 1.0 } else { self.bent(angle) / radius };
         (angle < self.fold_rad).then(|| scale * ray)
     }
 
-    /// Derivative of [`Fisheye::distort`], 2 x 2.
-    pub fn distort_jacobian(&self, ray: &Vector2<f64>) -> Matrix2<f64> {
+    fn distort_jacobian(&self, ray: &Vector2<f64>) -> Matrix2<f64> {
         let radius = ray.norm();
         if radius == 0.0 {
             return Matrix2::identity();
@@ -74,9 +89,7 @@ impl Fisheye {
         Matrix2::identity() * across + outwards * outwards.transpose() * (along - across)
     }
 
-    /// The ray that is bent to `distorted`, to machine precision; `None` where there is none inside
-    /// the fold.
-    pub fn undistort(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
+    fn undistort(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
         let wanted = distorted.norm();
         if wanted == 0.0 {
             return Some(*distorted);
@@ -104,16 +117,11 @@ impl Fisheye {
         Some(distorted * (angle.tan() / wanted))
     }
 
-    /// `theta_d`.
-    fn bent(&self, angle: f64) -> f64 {
-        let ([k1, k2, k3, k4], s) = (self.k, angle * angle);
-        angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
-    }
-
-    /// Derivative of `theta_d` by `theta`.
-    fn slope(&self, angle: f64) -> f64 {
-        let ([k1, k2, k3, k4], s) = (self.k, angle * angle);
-        1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)))
+    fn by_coefficients(ray: &Vector2<f64>) -> SMatrix<f64, 2, COEFFICIENTS> {
+        let radius = ray.norm();
+        let angle = radius.atan();
+        let outwards = if radius == 0.0 { *ray } else { ray / radius };
+        SMatrix::from_fn(|axis, k| if k < 4 { outwards[axis] * angle.powi(2 * k as i32 + 3) } else { 0.0 })
     }
 }
 

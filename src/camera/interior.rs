@@ -2,20 +2,18 @@
 //!
 //! ```text
 //! focal length f (of the columns; that of the rows is f times their ratio), cx, cy,
-//! k1, k2, p1, p2, k3 of a Brown lens, k1, k2, k3, k4 of a fisheye
+//! the coefficients of the lens: k1, k2, p1, p2, k3 of a Brown lens, say
 //! ```
 
-use super::{Brown, Camera, Fisheye, Lens, ray_of};
+use super::model::COEFFICIENTS;
+use super::{Camera, Lens, ray_of};
 use nalgebra::{SMatrix, Vector2, Vector3};
 
 /// How many numbers an interior orientation has; those that a lens lacks are zero and without effect.
-pub const INTERIOR: usize = 8;
+pub const INTERIOR: usize = POINT_AND_FOCAL + COEFFICIENTS;
 
-/// Their names.
-pub const INTERIOR_NAMES: [[&str; INTERIOR]; 2] = [
-    ["focal_length_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3"],
-    ["focal_length_px", "cx_px", "cy_px", "k1", "k2", "k3", "k4", ""],
-];
+/// Focal length and principal point.
+const POINT_AND_FOCAL: usize = 3;
 
 impl Camera {
     /// The numbers of the interior orientation.
@@ -24,26 +22,26 @@ impl Camera {
         all[0] = self.focal_px.x;
         all[1] = self.principal_px.x;
         all[2] = self.principal_px.y;
-        match &self.lens {
-            Lens::Pinhole => {}
-            Lens::Brown(lens) => all[3..].copy_from_slice(&lens.coefficients()),
-            Lens::Fisheye(lens) => all[3..7].copy_from_slice(&lens.coefficients()),
-        }
+        all[POINT_AND_FOCAL..].copy_from_slice(&self.lens.numbers());
         all
     }
 
     /// The names of [`Camera::interior`].
     pub fn interior_names(&self) -> [&'static str; INTERIOR] {
-        INTERIOR_NAMES[usize::from(matches!(self.lens, Lens::Fisheye(_)))]
+        let keys = match &self.lens {
+            // Those that it would have.
+            Lens::Pinhole => Lens::USUAL,
+            lens => lens.keys(),
+        };
+        let mut names = [""; INTERIOR];
+        let all = ["focal_length_px", "cx_px", "cy_px"].iter().chain(keys.coefficients);
+        names.iter_mut().zip(all).for_each(|(to, from)| *to = from);
+        names
     }
 
     /// How many of them the lens has.
     pub fn interior_count(&self) -> usize {
-        match &self.lens {
-            Lens::Pinhole => 3,
-            Lens::Brown(_) => 8,
-            Lens::Fisheye(_) => 7,
-        }
+        POINT_AND_FOCAL + self.lens.keys().coefficients.len()
     }
 
     /// The same camera with another interior orientation, seen through the same cone: where the lens folds
@@ -51,11 +49,7 @@ impl Camera {
     #[inline(always)]
     pub fn near(&self, interior: &[f64]) -> Camera {
         let ratio = self.focal_px.y / self.focal_px.x;
-        let lens = match &self.lens {
-            Lens::Pinhole => Lens::Pinhole,
-            Lens::Brown(lens) => Lens::Brown(lens.near(std::array::from_fn(|i| interior[3 + i]))),
-            Lens::Fisheye(lens) => Lens::Fisheye(lens.near(std::array::from_fn(|i| interior[3 + i]))),
-        };
+        let lens = self.lens.near(&std::array::from_fn(|i| interior[POINT_AND_FOCAL + i]));
         Camera {
             size_px: self.size_px,
             focal_px: Vector2::new(interior[0], interior[0] * ratio),
@@ -68,11 +62,9 @@ impl Camera {
     /// The camera of another interior orientation, with the cone of its own lens.
     pub fn with_interior(&self, interior: &[f64; INTERIOR]) -> Camera {
         let near = self.near(interior);
-        let lens = match &self.lens {
-            Lens::Pinhole => Lens::Pinhole,
-            Lens::Brown(_) => Lens::Brown(Brown::new(std::array::from_fn(|i| interior[3 + i]))),
-            Lens::Fisheye(_) => Lens::Fisheye(Fisheye::new(std::array::from_fn(|i| interior[3 + i]))),
-        };
+        let model = self.lens.keys().model;
+        let own = Lens::of_model(model, &interior[POINT_AND_FOCAL..], &self.lens.held());
+        let lens = own.unwrap_or_else(|| near.lens.clone());
         Camera { lens, ..near }
     }
 
@@ -80,21 +72,9 @@ impl Camera {
     pub fn interior_jacobian(&self, point_in_camera: &Vector3<f64>) -> Option<SMatrix<f64, 2, INTERIOR>> {
         let ray = ray_of(point_in_camera)?;
         let mut jacobian = SMatrix::<f64, 2, INTERIOR>::zeros();
-        let distorted = match &self.lens {
-            Lens::Pinhole => ray,
-            Lens::Brown(lens) => {
-                jacobian.fixed_view_mut::<2, 5>(0, 3).copy_from(&Brown::by_coefficients(&ray));
-                lens.distort(&ray)?
-            }
-            Lens::Fisheye(lens) => {
-                jacobian.fixed_view_mut::<2, 4>(0, 3).copy_from(&Fisheye::by_coefficients(&ray));
-                lens.distort(&ray)?
-            }
-        };
-        for column in 3..INTERIOR {
-            jacobian[(0, column)] *= self.focal_px.x;
-            jacobian[(1, column)] *= self.focal_px.y;
-        }
+        let distorted = self.lens.distort(&ray)?;
+        let by_coefficients = self.pixel_by_distorted() * self.lens.by_coefficients(&ray);
+        jacobian.fixed_view_mut::<2, COEFFICIENTS>(0, POINT_AND_FOCAL).copy_from(&by_coefficients);
         jacobian[(0, 0)] = distorted.x;
         jacobian[(1, 0)] = distorted.y * self.focal_px.y / self.focal_px.x;
         jacobian[(0, 1)] = 1.0;

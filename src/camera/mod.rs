@@ -7,11 +7,14 @@ mod brown;
 mod fisheye;
 mod fold;
 mod interior;
+mod model;
 
 pub use brown::Brown;
 pub use fisheye::Fisheye;
 pub use interior::INTERIOR;
-use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use model::COEFFICIENTS;
+pub use model::{LensKeys, LensModel};
+use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 /// Points nearer to the camera's plane than this are not seen \[m\].
 const LEAST_DEPTH_M: f64 = 1e-3;
@@ -32,15 +35,128 @@ pub struct Camera {
     pub lens: Lens,
 }
 
-/// How a lens departs from a pinhole.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Lens {
-    /// Not at all.
-    Pinhole,
+/// Declares the lens models that there are, beside that without distortion: everything else asks a lens.
+macro_rules! lens_models {
+    ($($(#[$doc:meta])* $name:ident),*) => {
+        /// How a lens departs from a pinhole.
+        #[derive(Clone, Debug, PartialEq)]
+        pub enum Lens {
+            /// Not at all.
+            Pinhole,
+            $($(#[$doc])* $name($name),)*
+        }
+
+        impl Lens {
+            /// The keys of all models.
+            pub const MODELS: &'static [LensKeys] = &[Lens::PINHOLE, $($name::KEYS),*];
+
+            /// The lens of a model with these numbers, in the order of its keys; `None` of a model that is not
+            /// known.
+            pub fn of_model(model: &str, coefficients: &[f64], held: &[f64]) -> Option<Lens> {
+                let mut all = [0.0; COEFFICIENTS];
+                all.iter_mut().zip(coefficients).for_each(|(to, from)| *to = *from);
+                match model {
+                    _ if model == Lens::PINHOLE.model => Some(Lens::Pinhole),
+                    $(_ if model == $name::KEYS.model => Some(Lens::$name($name::of_numbers(&all, held))),)*
+                    _ => None,
+                }
+            }
+
+            /// The keys of its model.
+            pub fn keys(&self) -> LensKeys {
+                match self {
+                    Lens::Pinhole => Lens::PINHOLE,
+                    $(Lens::$name(_) => $name::KEYS,)*
+                }
+            }
+
+            /// Its coefficients; zero beyond those that it has.
+            pub fn numbers(&self) -> [f64; COEFFICIENTS] {
+                match self {
+                    Lens::Pinhole => [0.0; COEFFICIENTS],
+                    $(Lens::$name(lens) => lens.numbers(),)*
+                }
+            }
+
+            /// The numbers that are held, in the order of their keys.
+            pub fn held(&self) -> Vec<f64> {
+                match self {
+                    Lens::Pinhole => Vec::new(),
+                    $(Lens::$name(lens) => lens.held(),)*
+                }
+            }
+
+            #[inline(always)]
+            fn near(&self, coefficients: &[f64; COEFFICIENTS]) -> Lens {
+                match self {
+                    Lens::Pinhole => Lens::Pinhole,
+                    $(Lens::$name(lens) => Lens::$name(lens.near(coefficients)),)*
+                }
+            }
+
+            #[inline(always)]
+            fn distort(&self, ray: &Vector2<f64>) -> Option<Vector2<f64>> {
+                match self {
+                    Lens::Pinhole => Some(*ray),
+                    $(Lens::$name(lens) => lens.distort(ray),)*
+                }
+            }
+
+            #[inline(always)]
+            fn undistort(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
+                match self {
+                    Lens::Pinhole => Some(*distorted),
+                    $(Lens::$name(lens) => lens.undistort(distorted),)*
+                }
+            }
+
+            /// The derivative of [`Lens::distort`] by something by which the ray has this one.
+            #[inline(always)]
+            fn chain<const N: usize>(
+                &self,
+                ray: &Vector2<f64>,
+                ray_by: SMatrix<f64, 2, N>,
+            ) -> SMatrix<f64, 2, N> {
+                match self {
+                    Lens::Pinhole => ray_by,
+                    $(Lens::$name(lens) => lens.distort_jacobian(ray) * ray_by,)*
+                }
+            }
+
+            fn by_coefficients(&self, ray: &Vector2<f64>) -> SMatrix<f64, 2, COEFFICIENTS> {
+                match self {
+                    Lens::Pinhole => SMatrix::zeros(),
+                    $(Lens::$name(_) => $name::by_coefficients(ray),)*
+                }
+            }
+
+            #[inline(always)]
+            fn skew_px(&self) -> f64 {
+                match self {
+                    Lens::Pinhole => 0.0,
+                    $(Lens::$name(lens) => lens.skew_px(),)*
+                }
+            }
+        }
+    };
+}
+
+lens_models!(
     /// Radial and tangential, as in OpenCV.
-    Brown(Brown),
+    Brown,
     /// By the angle off the axis, as in OpenCV's fisheye module.
-    Fisheye(Fisheye),
+    Fisheye
+);
+
+impl Lens {
+    const PINHOLE: LensKeys = LensKeys { model: "pinhole", coefficients: &[], held: &[] };
+    /// The model of a camera that names none.
+    pub const USUAL: LensKeys = Brown::KEYS;
+
+    /// The keys of a model; `None` of one that is not known.
+    pub fn keys_of(model: &str) -> Option<LensKeys> {
+        Lens::MODELS.iter().copied().find(|keys| keys.model == model)
+    }
 }
 
 /// How much of an image a lens model leaves without rays, because it folds over inside.
@@ -66,13 +182,20 @@ impl Camera {
     /// The pixel of a point in the camera frame \[m\]; `None` behind the camera, or outside the cone
     /// in which the lens model is one to one.
     pub fn project(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
-        let ray = ray_of(point_in_camera)?;
-        let distorted = match &self.lens {
-            Lens::Pinhole => ray,
-            Lens::Brown(lens) => lens.distort(&ray)?,
-            Lens::Fisheye(lens) => lens.distort(&ray)?,
-        };
-        Some(self.focal_px.component_mul(&distorted) + self.principal_px)
+        Some(self.pixel(&self.lens.distort(&ray_of(point_in_camera)?)?))
+    }
+
+    /// The pixel of a distorted ray.
+    #[inline(always)]
+    fn pixel(&self, distorted: &Vector2<f64>) -> Vector2<f64> {
+        let sheared = Vector2::new(self.lens.skew_px() * distorted.y, 0.0);
+        self.focal_px.component_mul(distorted) + sheared + self.principal_px
+    }
+
+    /// Derivative of a pixel by the distorted ray \[px\].
+    #[inline(always)]
+    fn pixel_by_distorted(&self) -> Matrix2<f64> {
+        Matrix2::new(self.focal_px.x, self.lens.skew_px(), 0.0, self.focal_px.y)
     }
 
     /// [`Camera::project`] with its derivative by the point, 2 x 3 \[px/m\].
@@ -87,24 +210,18 @@ impl Camera {
             inverse_depth, 0.0, -ray.x * inverse_depth,
             0.0, inverse_depth, -ray.y * inverse_depth,
         );
-        let (distorted, distorted_by_point) = match &self.lens {
-            Lens::Pinhole => (ray, ray_by_point),
-            Lens::Brown(lens) => (lens.distort(&ray)?, lens.distort_jacobian(&ray) * ray_by_point),
-            Lens::Fisheye(lens) => (lens.distort(&ray)?, lens.distort_jacobian(&ray) * ray_by_point),
-        };
-        let scale = Matrix2::from_diagonal(&self.focal_px);
-        Some((self.focal_px.component_mul(&distorted) + self.principal_px, scale * distorted_by_point))
+        let distorted = self.lens.distort(&ray)?;
+        let distorted_by_point: Matrix2x3<f64> = self.lens.chain(&ray, ray_by_point);
+        Some((self.pixel(&distorted), self.pixel_by_distorted() * distorted_by_point))
     }
 
     /// The direction `(x/z, y/z)` that a pixel looks along, the distortion removed; `None` where no
     /// direction of the lens model leads to this pixel.
     pub fn ray(&self, image_px: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let distorted = (image_px - self.principal_px).component_div(&self.focal_px);
-        match &self.lens {
-            Lens::Pinhole => Some(distorted),
-            Lens::Brown(lens) => lens.undistort(&distorted),
-            Lens::Fisheye(lens) => lens.undistort(&distorted),
-        }
+        let off_px = image_px - self.principal_px;
+        let y = off_px.y / self.focal_px.y;
+        let x = (off_px.x - self.lens.skew_px() * y) / self.focal_px.x;
+        self.lens.undistort(&Vector2::new(x, y))
     }
 
     /// Where the image begins and ends: outer edges of its first and last pixels \[px\].
@@ -172,7 +289,7 @@ pub(crate) mod tests {
     use super::*;
 
     /// A camera of each kind, the distorted ones stronger than any real lens of this class.
-    pub(crate) fn cameras() -> [Camera; 3] {
+    pub(crate) fn cameras() -> [Camera; 4] {
         let pinhole = Camera {
             size_px: [3840, 2160],
             focal_px: Vector2::new(2680.0, 2650.0),
@@ -181,9 +298,10 @@ pub(crate) mod tests {
             lens: Lens::Pinhole,
         };
         let brown = Brown::new([-0.11, 0.08, 0.002, -0.001, -0.02]);
+        let sheared = Brown::with([-0.11, 0.08, 0.002, -0.001, -0.02], [0.03, -7.5]);
         let fisheye = Fisheye::new([-0.13, 0.07, -0.09, 0.04]);
         let with = |lens: Lens| Camera { lens, ..pinhole.clone() };
-        [pinhole.clone(), with(Lens::Brown(brown)), with(Lens::Fisheye(fisheye))]
+        [pinhole.clone(), with(Lens::Brown(brown)), with(Lens::Fisheye(fisheye)), with(Lens::Brown(sheared))]
     }
 
     fn pixels() -> impl Iterator<Item = Vector2<f64>> {
@@ -283,6 +401,18 @@ pub(crate) mod tests {
             let share = 1.0 - std::f64::consts::PI * (1500.0_f64 / 4000.0).powi(2);
             assert!((fold.share - share).abs() < 0.02, "{fold:?} {share}");
         }
+    }
+
+    #[test]
+    fn every_model_is_made_of_its_own_numbers() {
+        for camera in cameras() {
+            let lens = camera.lens;
+            let keys = lens.keys();
+            assert_eq!(Lens::keys_of(keys.model), Some(keys));
+            assert!(keys.coefficients.len() <= COEFFICIENTS && keys.held.len() == lens.held().len());
+            assert_eq!(Lens::of_model(keys.model, &lens.numbers(), &lens.held()), Some(lens));
+        }
+        assert_eq!(Lens::of_model("plate", &[], &[]), None);
     }
 
     /// Calibrations of the DJI Mini 2 at 3840 x 2160 by users of Gyroflow: gyroflow/lens_profiles,

@@ -31,8 +31,8 @@ pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) ->
     let Compared { tracks, report, inputs, evaluation, .. } = compared;
     let staged = Staged::begin(target, Holds::Evaluation)?;
     let mut findings = Findings::default();
-    let start = read_residuals(result_folder, START_RESIDUALS, &mut findings);
-    let end = read_residuals(result_folder, RESIDUALS, &mut findings);
+    let start = read_residuals(result_folder, START_RESIDUALS, problem, &mut findings);
+    let end = read_residuals(result_folder, RESIDUALS, problem, &mut findings);
     if findings.is_invalid() {
         return Err(Failure::Invalid(vec![(result_folder.to_owned(), findings)]));
     }
@@ -42,8 +42,8 @@ pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) ->
         problem,
         inputs,
         report,
-        start: start.as_deref(),
-        end: end.as_deref(),
+        start: start.as_ref(),
+        end: end.as_ref(),
         tracks,
         evaluation,
         warnings,

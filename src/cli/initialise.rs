@@ -6,13 +6,14 @@ use super::output::{counted, describe_resection, grouped, print};
 use super::session::Session;
 use crate::diagnose::observability::{describe, observability};
 use crate::initialise::{Method, initialise};
-use crate::refine::{Excluded, Fits};
-use crate::report::{Report, left_out, report_of_initial, result_tables, start_residuals_table};
+use crate::refine::Fits;
+use crate::report::{
+    Report, left_out, report_of_initial, result_tables, start_residuals_table, targets_table,
+};
 use crate::scene;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Instant;
-use trackbundle_solver::loss::Loss;
 
 /// Arguments of the command.
 #[derive(Debug, Args)]
@@ -55,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !initial.estimate.is_finite() {
         return Err(Failure::NoSolution("a starting value is out of all proportion".to_owned()));
     }
-    let fits = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0, &Excluded::nothing(&problem));
+    let fits = Fits::of_start(&problem, &initial.estimate);
     let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
     let open = observability(&problem, &initial.estimate);
     report.add_observability(&open);
@@ -64,6 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.seconds.insert("read", read_s);
     report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
     let mut tables = result_tables(&problem, &initial.estimate, &fits, None);
+    tables.push(targets_table(&problem, &initial.estimate, &fits, &[], None));
     tables.push(start_residuals_table(&problem, &fits));
     let session = Session::open(output)?;
     let draw = |report: &Report| {

@@ -16,19 +16,19 @@ use crate::initialise::{Method, initialise};
 use crate::problem::Problem;
 use crate::reference::Reference;
 use crate::refine::{
-    Adjusted, Adjustment, Arrangement, Excluded, Fits, MotionPrior, MotionPriors, Progress, Reason,
-    RefineOptions, adjust,
+    Adjusted, Adjustment, Arrangement, Fits, MotionPrior, MotionPriors, Progress, Reason, RefineOptions,
+    adjust,
 };
 use crate::report::folder::{Holds, check_place};
 use crate::report::{
     Report, evaluation_report, left_out, report_of_adjustment, resection_report, result_tables,
-    start_residuals_table, states_table,
+    start_residuals_table, states_table, targets_table,
 };
 use crate::scene;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
+use trackbundle_solver::loss::{DEFAULT_SHAPE, LossName};
 
 /// Arguments of the command.
 #[derive(Debug, Args)]
@@ -164,9 +164,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     let precision = diagnosis.as_ref().map(|d| &d.precision);
     let mut tables = result_tables(&problem, estimate, &adjustment.fits, precision);
-    let nothing = Excluded::nothing(&problem);
-    let start = Fits::new(&problem, &initial.estimate, Loss::Squared, 1.0, &nothing);
-    tables.push(start_residuals_table(&problem, &start));
+    tables.push(targets_table(
+        &problem,
+        estimate,
+        &adjustment.fits,
+        &adjustment.check_points,
+        diagnosis.as_ref(),
+    ));
+    tables.push(start_residuals_table(&problem, &Fits::of_start(&problem, &initial.estimate)));
     tables.extend(arguments.states.map(|rate_hz| states_table(&problem, estimate, precision, rate_hz)));
     let draw = |report: &Report| {
         let mut drawn = scene::start(&problem, &initial.estimate);

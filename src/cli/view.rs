@@ -159,7 +159,7 @@ impl Shared<'_> {
             ToCompare::read(self.folder, folder, Some(vehicles), Some(frames), self.inputs.clone(), invalid);
         let mut findings = Findings::default();
         let poses = read_poses(folder, frames, vehicles, &mut findings);
-        let residuals = read_residuals(folder, RESIDUALS, &mut findings);
+        let residuals = read_residuals(folder, RESIDUALS, Some(self.problem), &mut findings);
         if findings.is_invalid() {
             invalid.push((folder.to_owned(), findings));
         }
@@ -169,7 +169,7 @@ impl Shared<'_> {
             poses: &poses,
             tracks: &to_compare.tracks,
             shapes: &to_compare.shapes,
-            residuals: residuals.as_deref(),
+            residuals: residuals.as_ref(),
         };
         scene::add_result(&mut scene, self.problem, shown);
         let compared = to_compare.compare(vehicles, self.reference, Some(self.problem), &self.options);

@@ -25,6 +25,8 @@ use trackbundle_solver::residual::{Jacobian, Residual};
 pub struct CheckPrecision {
     /// Standard deviation of the difference: of cameras, image points and survey \[m\].
     pub sigma_m: Option<[f64; 3]>,
+    /// Standard deviation of the intersected place: of cameras and image points \[m\].
+    pub place_sigma_m: Option<[f64; 3]>,
     /// Chi-square of the difference, of three degrees of freedom, and the probability of a larger one.
     pub chi_square: Option<(f64, f64)>,
 }
@@ -44,13 +46,14 @@ pub fn check_points(
         let place = target.surveyed()? + difference_m;
         let of_place = of_intersection(problem, estimate, network, covariance, check.target, &place)?;
         let survey = Vector3::from(target.known.map(|known| known.map_or(0.0, |k| k.sigma_m * k.sigma_m)));
-        let all = of_place * variance_factor + Matrix3::from_diagonal(&survey);
+        let of_place = of_place * variance_factor;
+        let all = of_place + Matrix3::from_diagonal(&survey);
         let chi_square = all.try_inverse().map(|inverse| {
             let value = difference_m.dot(&(inverse * difference_m));
             (value, chi_square_exceeded(value, 3.0))
         });
-        let sigma_m = Some([0, 1, 2].map(|axis| all[(axis, axis)].max(0.0).sqrt()));
-        Some(CheckPrecision { sigma_m, chi_square })
+        let sigmas = |of: &Matrix3<f64>| Some([0, 1, 2].map(|axis| of[(axis, axis)].max(0.0).sqrt()));
+        Some(CheckPrecision { sigma_m: sigmas(&all), place_sigma_m: sigmas(&of_place), chi_square })
     };
     found.iter().map(|check| precision(check).unwrap_or_default()).collect()
 }

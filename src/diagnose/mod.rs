@@ -13,6 +13,7 @@ mod precision;
 mod scale;
 mod standstill;
 mod statistics;
+mod survey;
 mod verdict;
 
 pub use check_points::CheckPrecision;
@@ -48,6 +49,8 @@ pub struct Diagnosis {
     pub is_upper_bound: bool,
     /// How well check points agree, in the order of the adjustment.
     pub check_points: Vec<CheckPrecision>,
+    /// For each target Baarda's w of each surveyed coordinate that is an observation.
+    pub survey_tests: Vec<[Option<f64>; 3]>,
     /// What is adjusted beside poses and points.
     pub parameters: Vec<Parameter>,
     /// From when to when each vehicle stands \[s\].
@@ -78,10 +81,12 @@ pub fn diagnose_with_states(
     };
     let vehicles = problem.vehicles.iter().map(|vehicle| vehicle.observations.len());
     let image_points = vehicles.sum::<usize>() + problem.target_observations.len();
-    if let Ok(found) = &mut found
-        && image_points <= MOST_EXAMINED
-    {
-        found.observability = Some(observability(problem, &adjusted.estimate));
+    if let Ok(found) = &mut found {
+        let sigmas_m = &found.precision.targets;
+        found.survey_tests = survey::survey_tests(problem, &adjusted.estimate, sigmas_m, variance);
+        if image_points <= MOST_EXAMINED {
+            found.observability = Some(observability(problem, &adjusted.estimate));
+        }
     }
     Some(found)
 }
@@ -187,6 +192,7 @@ fn of_network(
         observability,
         is_upper_bound,
         check_points,
+        survey_tests: Vec::new(),
         parameters,
         standstill,
         frames,

@@ -6,7 +6,9 @@ mod inventory;
 mod problem_folder;
 mod problem_toml;
 mod result_folder;
+mod result_residuals;
 mod result_tables;
+mod result_targets;
 pub mod rows;
 pub mod section;
 mod video;
@@ -18,8 +20,7 @@ pub use inventory::{Inventory, TargetInventory, VehicleInventory};
 pub use problem_folder::{read_grid, read_problem};
 pub use problem_toml::{read_camera, read_vehicle_id};
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
-pub use result_tables::{
-    RESIDUALS, ResultPoint, ResultPoses, ResultReport, ResultResidual, START_RESIDUALS, read_points,
-    read_poses, read_report, read_residuals,
-};
+pub use result_residuals::{RESIDUALS, ResultResidual, ResultResiduals, START_RESIDUALS, read_residuals};
+pub use result_tables::{ResultPoint, ResultPoses, ResultReport, read_points, read_poses, read_report};
+pub use result_targets::{RESULT_TARGETS, ResultRole, ResultTarget, read_targets};
 pub use written::{camera_pose_table, decimal, problem_files, vehicle_pose_table};

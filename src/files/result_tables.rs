@@ -1,17 +1,13 @@
-//! The other tables of a result folder, read back: shapes, residuals and the report.
+//! The other tables of a result folder, read back: shapes, poses and the report.
 
-use super::rows::{CameraPoseResultRow, ResidualRow, VehiclePointResultRow, VehiclePoseResultRow};
+use super::rows::{CameraPoseResultRow, VehiclePointResultRow, VehiclePoseResultRow};
 use crate::geometry::Pose;
 use crate::problem::Frame;
 use crate::tables::{self, Finding, Findings, Line};
-use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector2};
+use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-/// Image residuals at the end.
-pub const RESIDUALS: &str = "residuals.csv";
-/// Image residuals at the first estimate.
-pub const START_RESIDUALS: &str = "residuals_start.csv";
 const POINTS: &str = "vehicle_points.csv";
 const CAMERA_POSES: &str = "camera_poses.csv";
 const VEHICLE_POSES: &str = "vehicle_poses.csv";
@@ -44,21 +40,6 @@ pub struct ResultPoses {
 
 /// Quaternions of a result are rounded, but not by more than this.
 const UNIT: f64 = 1e-3;
-
-/// An image residual of a result.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ResultResidual {
-    /// Number of the frame.
-    pub frame: i64,
-    /// The vehicle, or `None` for a target.
-    pub vehicle: Option<String>,
-    /// The point or the target.
-    pub point: String,
-    /// Observed minus computed \[px\].
-    pub residual_px: Vector2<f64>,
-    /// 0: rejected.
-    pub weight: f64,
-}
 
 /// Reads the shape of each vehicle; points without coordinates are left out. Without the table there are none.
 pub fn read_points(
@@ -177,31 +158,6 @@ impl Place {
     }
 }
 
-/// Reads image residuals from `file`; `None` without it.
-pub fn read_residuals(folder: &Path, file: &str, findings: &mut Findings) -> Option<Vec<ResultResidual>> {
-    std::fs::symlink_metadata(folder.join(file)).ok()?;
-    let rows: Vec<Line<ResidualRow>> = tables::read(folder, file, findings)?;
-    let mut residuals = Vec::with_capacity(rows.len());
-    for Line { line, row } in rows {
-        let vehicle = match row.kind.as_str() {
-            "vehicle" => Some(row.vehicle.unwrap_or_default()),
-            "target" => None,
-            other => {
-                findings.error(Finding::of_cell(file, line, "kind", "vehicle or target", other));
-                continue;
-            }
-        };
-        residuals.push(ResultResidual {
-            frame: row.frame,
-            vehicle,
-            point: row.point,
-            residual_px: Vector2::new(row.du, row.dv),
-            weight: row.weight,
-        });
-    }
-    Some(residuals)
-}
-
 /// Reads `report.json`; `None` without it.
 pub fn read_report(folder: &Path, findings: &mut Findings) -> Option<ResultReport> {
     let text = std::fs::read(folder.join(REPORT)).ok()?;
@@ -283,25 +239,18 @@ mod tests {
     fn what_is_wrong_is_named() {
         let points =
             "vehicle,point,x,y,z,sigma_x,sigma_y,sigma_z\na,1,1,2,3,,,\na,1,1,2,3,,,\nc,1,1,2,3,,,\n";
-        let residuals = "frame,kind,vehicle,point,du,dv,weight\n0,vehicle,a,1,0.5,1,1\n0,body,a,1,0.5,1,1\n\
-                         1,target,,T1,0,inf,0\n";
-        let folder = folder(&[(POINTS, points), (RESIDUALS, residuals), (REPORT, "{")]);
+        let folder = folder(&[(POINTS, points), (REPORT, "{")]);
         let mut findings = Findings::default();
         read_points(folder.path(), Some(&["a".to_owned()]), &mut findings);
-        let found = read_residuals(folder.path(), RESIDUALS, &mut findings).unwrap();
-        assert_eq!(found.len(), 1);
-        assert_eq!(read_residuals(folder.path(), START_RESIDUALS, &mut findings), None);
         read_report(folder.path(), &mut findings);
         let errors: Vec<String> = findings.errors().map(|f| f.to_string()).collect();
         for (found, wanted) in errors.iter().zip([
             "vehicle_points.csv:3: column point: expected a point that is listed once",
             "vehicle_points.csv:4: column vehicle: expected a vehicle of problem.toml",
-            "residuals.csv:4: column dv: expected a finite number",
-            "residuals.csv:3: column kind: expected vehicle or target, found \"body\"",
             "report.json: expected JSON",
         ]) {
             assert!(found.starts_with(wanted), "{found}");
         }
-        assert_eq!(errors.len(), 5);
+        assert_eq!(errors.len(), 3);
     }
 }

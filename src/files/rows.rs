@@ -3,8 +3,34 @@
 //! Units: metres, seconds, pixels; degrees where a name ends in `_deg`. Poses are `world_from_body`,
 //! quaternions scalar first. `docs/formats.md` says the rest.
 
-use crate::tables::{ResultSigma, Sigma, input_row};
+use crate::tables::{Column, ResultSigma, Row, Sigma, input_row};
 use serde::Serialize;
+
+/// The columns of a result table.
+pub trait ResultRow: Serialize {
+    /// Their names.
+    const HEADER: &'static [&'static str];
+}
+
+/// The names of columns.
+const fn names<const N: usize>(columns: &[Column]) -> [&'static str; N] {
+    let mut names = [""; N];
+    let mut at = 0;
+    while at < N {
+        names[at] = columns[at].name;
+        at += 1;
+    }
+    names
+}
+
+/// Makes a row that a result table is read by that which it is written with.
+macro_rules! written_as_read {
+    ($name:ident) => {
+        impl ResultRow for $name {
+            const HEADER: &'static [&'static str] = &names::<{ $name::COLUMNS.len() }>($name::COLUMNS);
+        }
+    };
+}
 
 input_row!(
     /// `frames.csv`.
@@ -122,18 +148,31 @@ input_row!(
 );
 
 input_row!(
-    /// `residuals.csv` read back.
+    /// `residuals.csv`: observed minus computed; weight 1 counts in full, 0 not at all; why it was rejected, if it
+    /// was. What older versions did not write may be missing.
+    #[derive(Serialize)]
     ResidualRow {
         required frame: i64, required kind: String, required vehicle: Option<String>, required point: String,
         required du: f64, required dv: f64, required weight: f64,
+        optional reason: Option<String>, optional u_computed: Option<f64>, optional v_computed: Option<f64>,
     }
 );
+written_as_read!(ResidualRow);
 
-/// The columns of a result table.
-pub trait ResultRow: Serialize {
-    /// Their names.
-    const HEADER: &'static [&'static str];
-}
+input_row!(
+    /// `targets.csv` of a result: where each target is, and its survey minus that. A statistic is empty where there
+    /// is none.
+    #[derive(Serialize)]
+    TargetResultRow {
+        required target: String, required role: String,
+        required x: Option<f64>, required y: Option<f64>, required z: Option<f64>,
+        required sigma_x: ResultSigma, required sigma_y: ResultSigma, required sigma_z: ResultSigma,
+        required dx: Option<f64>, required dy: Option<f64>, required dz: Option<f64>,
+        required w_x: Option<f64>, required w_y: Option<f64>, required w_z: Option<f64>,
+        required used: i64, required rejected: i64,
+    }
+);
+written_as_read!(TargetResultRow);
 
 /// Declares a struct for the rows of a result table.
 macro_rules! result_row {
@@ -206,14 +245,6 @@ result_row!(
 );
 
 result_row!(
-    /// `residuals.csv`: observed minus computed; weight 1 counts in full, 0 not at all.
-    ResidualResult {
-        frame: i64, kind: &'static str, vehicle: String, point: String,
-        du: f64, dv: f64, weight: f64,
-    }
-);
-
-result_row!(
     /// `track_differences.csv` of an evaluation: result minus reference, a row for each frame that is compared.
     /// Times are those of the film and of the reference's clock.
     TrackDifferenceResult {
@@ -243,7 +274,6 @@ result_row!(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tables::Row;
 
     #[test]
     fn results_are_read_by_the_columns_that_they_are_written_with() {
@@ -256,6 +286,6 @@ mod tests {
         let read: Vec<&str> = VehiclePoseResultRow::COLUMNS.iter().map(|column| column.name).collect();
         assert_eq!(read, VehiclePoseResult::HEADER);
         let read: Vec<&str> = ResidualRow::COLUMNS.iter().map(|column| column.name).collect();
-        assert_eq!(read, ResidualResult::HEADER);
+        assert_eq!(read, ResidualRow::HEADER);
     }
 }

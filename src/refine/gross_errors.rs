@@ -57,6 +57,16 @@ pub enum Verdict {
     Rejected(Reason),
 }
 
+impl Verdict {
+    /// Why it was rejected, if it was.
+    pub fn reason(self) -> Option<Reason> {
+        match self {
+            Verdict::Rejected(reason) => Some(reason),
+            Verdict::Used | Verdict::DownWeighted => None,
+        }
+    }
+}
+
 /// Why an image point took no part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reason {
@@ -85,7 +95,12 @@ impl Reason {
         Reason::CheckPoint,
     ];
 
-    /// Its name in a report.
+    /// That of this name.
+    pub fn of_name(name: &str) -> Option<Reason> {
+        Reason::ALL.into_iter().find(|reason| reason.name() == name)
+    }
+
+    /// Its name in a report and in a table.
     pub fn name(self) -> &'static str {
         match self {
             Reason::ImagePoint => "image_point",
@@ -311,7 +326,14 @@ pub fn verdicts(
     let mut verdicts = Vec::new();
     let all_fits = fits.vehicles.iter().chain([&fits.targets]);
     let all_out = excluded.vehicles.iter().chain([&excluded.targets]);
-    for ((set, fits), out) in sets(problem, estimate).iter().zip(all_fits).zip(all_out) {
+    let residual_px = |fit: &Option<ObservationFit>| fit.map(|fit| fit.residual_px);
+    let sets = sets_of(
+        problem,
+        estimate,
+        |vehicle, at| residual_px(&fits.vehicles[vehicle][at]),
+        |at| residual_px(&fits.targets[at]),
+    );
+    for ((set, fits), out) in sets.iter().zip(all_fits).zip(all_out) {
         let judged = set.judge(limit);
         let one = |at: usize| match (out[at], set.seen[at].kind, &fits[at]) {
             (_, Kind::Check, _) => Verdict::Rejected(Reason::CheckPoint),
@@ -354,40 +376,56 @@ struct Set {
     frames: usize,
 }
 
-/// One for each vehicle, then that of the targets.
+/// The sets of an estimate's own image points.
 fn sets(problem: &Problem, estimate: &Estimate) -> Vec<Set> {
-    let frames = problem.frames.len();
     let imaging = Imaging::new(problem, estimate);
+    let of_vehicle = |vehicle: usize, at: usize| {
+        let o = &problem.vehicles[vehicle].observations[at];
+        Some(o.image_px - imaging.vehicle_px(vehicle, o.frame, o.point)?)
+    };
+    let of_target = |at: usize| {
+        let o = &problem.target_observations[at];
+        Some(o.image_px - imaging.target_px(o.frame, &estimate.targets[o.target]?)?)
+    };
+    sets_of(problem, estimate, of_vehicle, of_target)
+}
+
+/// One for each vehicle, then that of the targets, of these residuals \[px\]: by vehicle and image point, and of
+/// targets.
+fn sets_of(
+    problem: &Problem,
+    estimate: &Estimate,
+    of_vehicle: impl Fn(usize, usize) -> Option<Vector2<f64>>,
+    of_target: impl Fn(usize) -> Option<Vector2<f64>>,
+) -> Vec<Set> {
+    let frames = problem.frames.len();
     let mut sets = Vec::new();
-    for (at, vehicle) in problem.vehicles.iter().enumerate() {
-        let found = &estimate.vehicles[at];
-        let seen = vehicle.observations.iter().map(|o| {
+    for (vehicle_at, vehicle) in problem.vehicles.iter().enumerate() {
+        let found = &estimate.vehicles[vehicle_at];
+        let seen = vehicle.observations.iter().enumerate().map(|(at, o)| {
             let is_there = found.left_out.is_none() && found.points[o.point].is_some();
-            let computed = is_there.then(|| imaging.vehicle_px(at, o.frame, o.point)).flatten();
+            let residual_px = is_there.then(|| of_vehicle(vehicle_at, at)).flatten();
             Seen {
                 frame: o.frame,
                 point: o.point,
                 kind: if is_there { Kind::Point } else { Kind::WithoutCoordinates },
-                whitened: computed.map(|computed| (o.image_px - computed) / o.sigma_px),
+                whitened: residual_px.map(|residual_px| residual_px / o.sigma_px),
             }
         });
         sets.push(Set { seen: seen.collect(), points: vehicle.points.len(), frames });
     }
-    let seen = problem.target_observations.iter().map(|o| {
-        let position = estimate.targets[o.target];
-        let kind = match (problem.targets[o.target].role, position) {
+    let seen = problem.target_observations.iter().enumerate().map(|(at, o)| {
+        let kind = match (problem.targets[o.target].role, estimate.targets[o.target]) {
             (Role::Check, _) => Kind::Check,
             (Role::Control, None) => Kind::WithoutCoordinates,
             (Role::Control, Some(_)) => Kind::Point,
         };
-        let computed = position
-            .filter(|_| kind == Kind::Point)
-            .and_then(|position| imaging.target_px(o.frame, &position));
+        let residual_px = (kind == Kind::Point).then(|| of_target(at)).flatten();
         Seen {
             frame: o.frame,
             point: o.target,
             kind,
-            whitened: computed.map(|computed| (o.image_px - computed) / o.sigma_px),
+            whitened: residual_px.map(|residual_px| residual_px / o.sigma_px),
         }
     });
     sets.push(Set { seen: seen.collect(), points: problem.targets.len(), frames });

@@ -257,6 +257,18 @@ impl Fits {
         fits
     }
 
+    /// The fits of a first estimate, by which no image point is rejected yet.
+    pub fn of_start(problem: &Problem, start: &Estimate) -> Fits {
+        let mut fits = Fits::new(problem, start, Loss::Squared, 1.0, &Excluded::nothing(problem));
+        let verdicts = fits.verdicts.vehicles.iter_mut().flatten().chain(&mut fits.verdicts.targets);
+        for verdict in verdicts {
+            if matches!(verdict, Verdict::Rejected(reason) if reason.is_gross()) {
+                *verdict = Verdict::Used;
+            }
+        }
+        fits
+    }
+
     /// The same with no image point rejected.
     pub fn all_accepted(&self) -> Fits {
         let mut fits = self.clone();

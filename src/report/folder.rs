@@ -38,6 +38,7 @@ impl Holds {
                 ("residuals_start.csv", ""),
                 ("session.rrd", ""),
                 ("states.csv", ""),
+                ("targets.csv", ""),
                 ("trajectories.csv", ""),
                 ("vehicle_points.csv", ""),
                 ("vehicle_poses.csv", ""),

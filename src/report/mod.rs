@@ -21,7 +21,7 @@ pub use json::{Report, report_of_adjustment, report_of_initial, resection_report
 pub use page::{PageInput, changed_inputs, page};
 pub use rounding::grouped;
 pub use study::{StudyReport, plan_table, study_files};
-pub use tables::{result_tables, start_residuals_table, states_table};
+pub use tables::{result_tables, start_residuals_table, states_table, targets_table};
 
 use crate::estimate::Estimate;
 use crate::problem::Problem;

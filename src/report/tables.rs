@@ -2,16 +2,18 @@
 
 use super::rounding::{METRE, PIXEL, RATIO, metres, round};
 use super::{File, cloud};
-use crate::diagnose::{PosePrecision, Precision};
+use crate::diagnose::{Diagnosis, PosePrecision, Precision};
 use crate::estimate::Estimate;
 use crate::files::rows::{
-    CameraPoseResult, ResidualResult, ResultRow, StateResult, TrajectoryResult, VehiclePointResult,
-    VehiclePoseResult,
+    CameraPoseResult, ResidualRow, ResultRow, StateResult, TargetResultRow, TrajectoryResult,
+    VehiclePointResult, VehiclePoseResult,
 };
-use crate::files::{RESIDUALS, START_RESIDUALS};
+use crate::files::{RESIDUALS, RESULT_TARGETS, ResultRole, START_RESIDUALS};
 use crate::geometry::{Pose, quaternion_wxyz};
-use crate::problem::Problem;
-use crate::refine::{Fits, ObservationFit};
+use crate::problem::{Problem, Role, Target};
+use crate::refine::{CheckPoint, Fits, ObservationFit, Verdict};
+use crate::tables::ResultSigma;
+use nalgebra::{Point3, Vector2};
 
 /// All tables and clouds of a result; standard deviations that are not there are left empty.
 pub fn result_tables(
@@ -252,28 +254,128 @@ pub fn states_table(
     table("states.csv", rows)
 }
 
-fn residuals(problem: &Problem, fits: &Fits) -> Vec<ResidualResult> {
-    let row = |frame: usize, kind, vehicle: &str, point: &str, fit: &ObservationFit| ResidualResult {
-        frame: problem.frames[frame].number,
-        kind,
-        vehicle: vehicle.to_owned(),
-        point: point.to_owned(),
-        du: round(fit.residual_px.x, PIXEL),
-        dv: round(fit.residual_px.y, PIXEL),
-        weight: round(fit.weight, RATIO),
-    };
+fn residuals(problem: &Problem, fits: &Fits) -> Vec<ResidualRow> {
+    let row =
+        |frame: usize, of: [&str; 3], image_px: Vector2<f64>, fit: &ObservationFit, verdict: &Verdict| {
+            let [kind, vehicle, point] = of;
+            let computed_px = image_px - fit.residual_px;
+            ResidualRow {
+                frame: problem.frames[frame].number,
+                kind: kind.to_owned(),
+                vehicle: Some(vehicle.to_owned()),
+                point: point.to_owned(),
+                du: round(fit.residual_px.x, PIXEL),
+                dv: round(fit.residual_px.y, PIXEL),
+                weight: round(fit.weight, RATIO),
+                reason: verdict.reason().map(|reason| reason.name().to_owned()),
+                u_computed: Some(round(computed_px.x, PIXEL)),
+                v_computed: Some(round(computed_px.y, PIXEL)),
+            }
+        };
     let mut rows = Vec::new();
-    for (vehicle, fits) in problem.vehicles.iter().zip(&fits.vehicles) {
-        for (observation, fit) in vehicle.observations.iter().zip(fits) {
-            let point = &vehicle.points[observation.point].id;
-            rows.extend(fit.map(|fit| row(observation.frame, "vehicle", &vehicle.id, point, &fit)));
+    for ((vehicle, fits), verdicts) in
+        problem.vehicles.iter().zip(&fits.vehicles).zip(&fits.verdicts.vehicles)
+    {
+        for ((o, fit), verdict) in vehicle.observations.iter().zip(fits).zip(verdicts) {
+            let of = ["vehicle", &vehicle.id, &vehicle.points[o.point].id];
+            rows.extend(fit.map(|fit| row(o.frame, of, o.image_px, &fit, verdict)));
         }
     }
-    for (observation, fit) in problem.target_observations.iter().zip(&fits.targets) {
-        let target = &problem.targets[observation.target].id;
-        rows.extend(fit.map(|fit| row(observation.frame, "target", "", target, &fit)));
+    for ((o, fit), verdict) in
+        problem.target_observations.iter().zip(&fits.targets).zip(&fits.verdicts.targets)
+    {
+        let of = ["target", "", &problem.targets[o.target].id];
+        rows.extend(fit.map(|fit| row(o.frame, of, o.image_px, &fit, verdict)));
     }
     rows
+}
+
+/// `targets.csv`: where targets are, and how their surveys agree. Check points are where the adjusted cameras see
+/// them.
+pub fn targets_table(
+    problem: &Problem,
+    estimate: &Estimate,
+    fits: &Fits,
+    checks: &[CheckPoint],
+    diagnosis: Option<&Diagnosis>,
+) -> File {
+    let mut counts = vec![[0; 2]; problem.targets.len()];
+    for (o, verdict) in problem.target_observations.iter().zip(&fits.verdicts.targets) {
+        counts[o.target][usize::from(verdict.reason().is_some())] += 1;
+    }
+    let row = |(at, target): (usize, &Target)| {
+        let adjusted = match target.role {
+            Role::Control => adjusted_target(estimate, diagnosis, at),
+            Role::Check => checked_target(target, checks, diagnosis, at),
+        };
+        let AdjustedTarget { place, sigma_m, w } = adjusted;
+        let difference = |axis: usize| Some(round(target.known[axis]?.value_m - place?[axis], METRE));
+        let sigma = |axis: usize| ResultSigma(sigma_m.map(|sigma_m| metres(sigma_m[axis])));
+        let w = |axis: usize| w[axis].map(|w| round(w, PIXEL));
+        let role = match target.role {
+            Role::Check => ResultRole::Check,
+            Role::Control if target.known.iter().any(Option::is_some) => ResultRole::Control,
+            Role::Control => ResultRole::Tie,
+        };
+        let [used, rejected] = counts[at];
+        TargetResultRow {
+            target: target.id.clone(),
+            role: role.name().to_owned(),
+            x: place.map(|place| metres(place.x)),
+            y: place.map(|place| metres(place.y)),
+            z: place.map(|place| metres(place.z)),
+            sigma_x: sigma(0),
+            sigma_y: sigma(1),
+            sigma_z: sigma(2),
+            dx: difference(0),
+            dy: difference(1),
+            dz: difference(2),
+            w_x: w(0),
+            w_y: w(1),
+            w_z: w(2),
+            used,
+            rejected,
+        }
+    };
+    table(RESULT_TARGETS, problem.targets.iter().enumerate().map(row).collect())
+}
+
+/// Where a target is \[m\], its standard deviations, and its survey's difference from it in units of its own.
+#[derive(Default)]
+struct AdjustedTarget {
+    place: Option<Point3<f64>>,
+    sigma_m: Option<[f64; 3]>,
+    w: [Option<f64>; 3],
+}
+
+fn adjusted_target(estimate: &Estimate, diagnosis: Option<&Diagnosis>, target: usize) -> AdjustedTarget {
+    AdjustedTarget {
+        place: estimate.targets[target],
+        sigma_m: diagnosis.and_then(|found| found.precision.targets.get(target).copied().flatten()),
+        w: diagnosis.and_then(|found| found.survey_tests.get(target).copied()).unwrap_or_default(),
+    }
+}
+
+fn checked_target(
+    target: &Target,
+    checks: &[CheckPoint],
+    diagnosis: Option<&Diagnosis>,
+    at: usize,
+) -> AdjustedTarget {
+    let Some(check) = checks.iter().position(|check| check.target == at) else {
+        return AdjustedTarget::default();
+    };
+    let difference_m = checks[check].difference_m;
+    let precision = diagnosis.and_then(|found| found.check_points.get(check));
+    let w = |axis: usize| {
+        let sigma_m = precision?.sigma_m?[axis];
+        (sigma_m > 0.0).then_some(-difference_m?[axis] / sigma_m)
+    };
+    AdjustedTarget {
+        place: target.surveyed().zip(difference_m).map(|(surveyed, difference_m)| surveyed + difference_m),
+        sigma_m: precision.and_then(|found| found.place_sigma_m),
+        w: [0, 1, 2].map(w),
+    }
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{self, quaternion_wxyz};
 use crate::problem::{Known, Problem, Role, Vehicle, Video};
 use crate::refine::Fits;
-use images::{Judged, image_points};
+use images::image_points;
 use trackbundle_solver::minimise::IterationRecord;
 use trackbundle_viz as viz;
 
@@ -42,7 +42,7 @@ pub fn start(problem: &Problem, start: &Estimate) -> viz::Scene {
             })
             .collect(),
         targets: targets(problem, start),
-        image_points: image_points(problem, |_, _| Judged::default(), |_| Judged::default()),
+        image_points: image_points(problem, None),
         ground: ground::ground(problem, start),
         ..viz::Scene::default()
     }
@@ -78,11 +78,7 @@ pub fn add_end(
     }
     scene.bodies.retain(|body| !body.after.poses.is_empty());
     scene.targets = targets(problem, end);
-    scene.image_points = image_points(
-        problem,
-        |vehicle, at| Judged::by(&fits.vehicles[vehicle][at], fits.verdicts.vehicles[vehicle][at]),
-        |at| Judged::by(&fits.targets[at], fits.verdicts.targets[at]),
-    );
+    scene.image_points = image_points(problem, Some(&images::residuals(problem, fits)));
     open::add_open(scene);
 }
 

@@ -229,7 +229,7 @@ pub trait Cell: Sized {
 pub struct Sigma(pub Option<f64>);
 
 /// A standard deviation of a result: `inf` where nothing determines the quantity.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ResultSigma(pub Option<f64>);
 
 impl ResultSigma {

@@ -22,7 +22,7 @@ struct Simulated {
 impl Simulated {
     fn new(targets: usize, height_m: f64) -> Simulated {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
-        let [_, camera, _] = cameras();
+        let [_, camera, ..] = cameras();
         let points: Vec<Point3<f64>> = (0..targets)
             .map(|_| {
                 Point3::new(

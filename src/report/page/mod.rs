@@ -17,7 +17,7 @@ mod tests;
 mod track;
 
 use crate::evaluate::Evaluation;
-use crate::files::{InputFile, ResultResidual, ResultTracks};
+use crate::files::{InputFile, ResultResiduals, ResultTracks};
 use crate::problem::Problem;
 use content::{Headline, Section};
 use facts::Facts;
@@ -42,9 +42,9 @@ pub struct PageInput<'a> {
     /// `report.json` of the result.
     pub report: &'a Value,
     /// Image residuals of the first estimate.
-    pub start: Option<&'a [ResultResidual]>,
+    pub start: Option<&'a ResultResiduals>,
     /// Image residuals of the result.
-    pub end: Option<&'a [ResultResidual]>,
+    pub end: Option<&'a ResultResiduals>,
     /// Its tracks.
     pub tracks: &'a ResultTracks,
     /// The comparison.
@@ -57,8 +57,6 @@ pub struct PageInput<'a> {
 pub fn page(input: &PageInput) -> String {
     let facts = Facts(input.report);
     let recorded = input.report.pointer("/command").and_then(Value::as_str).filter(|text| !text.is_empty());
-    let located = |residuals: Option<&[ResultResidual]>| Some(residuals::located(input.problem?, residuals?));
-    let (start, end) = (located(input.start), located(input.end));
 
     let mut sections = vec![
         facts::verdict(facts, input.warnings),
@@ -66,7 +64,7 @@ pub fn page(input: &PageInput) -> String {
         facts::adjusted(facts),
     ];
     sections.push(match input.problem {
-        Some(problem) => residuals::section(problem, start.as_deref(), end.as_deref()),
+        Some(problem) => residuals::section(problem, input.start, input.end),
         None => {
             let mut section = Section::new("residuals", "Image residuals before and after");
             section
@@ -74,7 +72,7 @@ pub fn page(input: &PageInput) -> String {
             section
         }
     });
-    sections.push(control(input, end.as_deref()));
+    sections.push(control(input));
     sections.push(facts::interior(facts, input.problem));
     sections.push(tracks(input));
     sections.push(shapes(input));
@@ -113,9 +111,9 @@ fn shapes(input: &PageInput) -> Section {
     section
 }
 
-fn control(input: &PageInput, end: Option<&[residuals::Located]>) -> Section {
+fn control(input: &PageInput) -> Section {
     let mut section = Section::new("control", "Control and check points");
-    match (input.problem, end) {
+    match (input.problem, input.end) {
         (Some(problem), _) if problem.targets.is_empty() => {
             section.empty("The problem has no targets: nothing but the poses as given ties it to the world.");
             return section;

@@ -2,66 +2,14 @@
 
 use super::content::{Section, Table, decimal};
 use super::figure::{Figure, Layer, colour};
-use crate::files::ResultResidual;
+use crate::files::{ResultResidual, ResultResiduals};
 use crate::problem::{Problem, Role};
 use crate::stats::quantile::quantile;
 use nalgebra::Vector2;
-use std::collections::{BTreeMap, HashMap};
-
-/// A residual with what it is of.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Located {
-    /// Index of the frame.
-    pub frame: usize,
-    /// Index of the target, where it is of one.
-    pub target: Option<usize>,
-    /// The image point \[px\].
-    pub image_px: Vector2<f64>,
-    /// Observed minus computed \[px\].
-    pub residual_px: Vector2<f64>,
-    /// Whether it took part.
-    pub is_accepted: bool,
-}
-
-/// Finds the image point of each residual; those of another problem have none and are left out.
-pub fn located(problem: &Problem, residuals: &[ResultResidual]) -> Vec<Located> {
-    let frames: HashMap<i64, usize> =
-        problem.frames.iter().enumerate().map(|(at, f)| (f.number, at)).collect();
-    let targets: HashMap<&str, usize> =
-        problem.targets.iter().enumerate().map(|(at, t)| (t.id.as_str(), at)).collect();
-    let mut seen_of_target: HashMap<[usize; 2], Vector2<f64>> = HashMap::new();
-    for o in &problem.target_observations {
-        seen_of_target.insert([o.frame, o.target], o.image_px);
-    }
-    let mut points: HashMap<(&str, &str), [usize; 2]> = HashMap::new();
-    let mut seen: HashMap<[usize; 3], Vector2<f64>> = HashMap::new();
-    for (vehicle_at, vehicle) in problem.vehicles.iter().enumerate() {
-        for (point_at, point) in vehicle.points.iter().enumerate() {
-            points.insert((&vehicle.id, &point.id), [vehicle_at, point_at]);
-        }
-        for o in &vehicle.observations {
-            seen.insert([vehicle_at, o.frame, o.point], o.image_px);
-        }
-    }
-    let find = |r: &ResultResidual| {
-        let frame = *frames.get(&r.frame)?;
-        let (target, image_px) = match &r.vehicle {
-            Some(vehicle) => {
-                let [vehicle, point] = *points.get(&(vehicle.as_str(), r.point.as_str()))?;
-                (None, *seen.get(&[vehicle, frame, point])?)
-            }
-            None => {
-                let target = *targets.get(r.point.as_str())?;
-                (Some(target), *seen_of_target.get(&[frame, target])?)
-            }
-        };
-        Some(Located { frame, target, image_px, residual_px: r.residual_px, is_accepted: r.weight > 0.0 })
-    };
-    residuals.iter().filter_map(find).collect()
-}
+use std::collections::BTreeMap;
 
 /// Root mean square of the coordinates of residuals; `None` without any.
-pub fn rms_px<'a>(residuals: impl Iterator<Item = &'a Located>) -> Option<f64> {
+pub fn rms_px<'a>(residuals: impl Iterator<Item = &'a ResultResidual>) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0_usize);
     for r in residuals {
         sum += r.residual_px.norm_squared();
@@ -71,9 +19,9 @@ pub fn rms_px<'a>(residuals: impl Iterator<Item = &'a Located>) -> Option<f64> {
 }
 
 /// The section. `start` and `end` are `None` where the result has no such table.
-pub fn section(problem: &Problem, start: Option<&[Located]>, end: Option<&[Located]>) -> Section {
+pub fn section(problem: &Problem, start: Option<&ResultResiduals>, end: Option<&ResultResiduals>) -> Section {
     let mut section = Section::new("residuals", "Image residuals before and after");
-    let Some(end) = end.filter(|end| !end.is_empty()) else {
+    let Some(end) = end.filter(|end| end.all().next().is_some()) else {
         section.empty("The result has no residuals of this problem (residuals.csv).");
         return section;
     };
@@ -81,27 +29,28 @@ pub fn section(problem: &Problem, start: Option<&[Located]>, end: Option<&[Locat
         section.empty("What the residuals were before is not known: the result has no residuals_start.csv.");
     }
     // What is rejected at the end is no measure of either.
-    let good: Vec<Located> = end.iter().copied().filter(|r| r.is_accepted).collect();
-    let key = |r: &Located| (r.frame, r.target, r.image_px.x.to_bits(), r.image_px.y.to_bits());
-    let kept: std::collections::HashSet<_> = good.iter().map(key).collect();
-    let before: Vec<Located> =
-        start.unwrap_or_default().iter().copied().filter(|r| kept.contains(&key(r))).collect();
+    let good: Vec<&ResultResidual> = end.all().filter(|r| r.is_accepted()).collect();
+    let of_start = start.into_iter().flat_map(|start| start.each().zip(end.each()));
+    let before: Vec<&ResultResidual> = of_start
+        .filter_map(|(before, end)| before.filter(|_| end.is_some_and(ResultResidual::is_accepted)))
+        .collect();
     section.text(format!(
         "{} image points took part at the end, {} were rejected as gross errors or belong to check points; before and after are of the former. Residuals are observed minus computed.",
         good.len(),
-        end.len() - good.len()
+        end.all().count() - good.len()
     ));
     let mut table =
         Table::new("Root mean square of a coordinate", &["of", "image points", "before", "after"]);
     for (name, is_target) in [("vehicles", false), ("targets", true)] {
-        let of = |all: &[Located]| rms_px(all.iter().filter(|r| r.target.is_some() == is_target));
+        let of =
+            |all: &[&ResultResidual]| rms_px(all.iter().copied().filter(|r| r.target.is_some() == is_target));
         let show =
             |value: Option<f64>| value.map_or("\u{2013}".to_owned(), |v| format!("{} px", decimal(v, 2)));
         let count = good.iter().filter(|r| r.target.is_some() == is_target).count();
         table.row([name.to_owned(), count.to_string(), show(of(&before)), show(of(&good))]);
     }
     section.table(table);
-    let panels = |draw: &dyn Fn(&[Located]) -> Figure| {
+    let panels = |draw: &dyn Fn(&[&ResultResidual]) -> Figure| {
         let mut panels = Vec::new();
         if !before.is_empty() {
             panels.push(("before", draw(&before)));
@@ -133,14 +82,14 @@ pub fn section(problem: &Problem, start: Option<&[Located]>, end: Option<&[Locat
 }
 
 /// The coordinate that 99 % do not exceed \[px\].
-fn reach_px(all: &[Located]) -> f64 {
+fn reach_px(all: &[&ResultResidual]) -> f64 {
     let coordinates = all.iter().flat_map(|r| [r.residual_px.x.abs(), r.residual_px.y.abs()]).collect();
     quantile(coordinates, 0.99).unwrap_or(1.0).max(1e-6)
 }
 
 const CELLS: usize = 44;
 
-fn scatter(all: &[Located]) -> Figure {
+fn scatter(all: &[&ResultResidual]) -> Figure {
     let reach = reach_px(all);
     let mut counts = vec![0_usize; CELLS * CELLS];
     let place = |value: f64| {
@@ -168,7 +117,7 @@ fn scatter(all: &[Located]) -> Figure {
     figure
 }
 
-fn histogram(all: &[Located]) -> Figure {
+fn histogram(all: &[&ResultResidual]) -> Figure {
     const BINS: usize = 60;
     let reach = 1.3 * reach_px(all);
     let mut counts = [0_usize; BINS];
@@ -182,7 +131,7 @@ fn histogram(all: &[Located]) -> Figure {
     let bars = counts.iter().enumerate().map(|(at, count)| [edge(at), edge(at + 1), *count as f64]).collect();
     let mut figure = Figure::new("Distribution of image residuals", "du, dv (px)", "coordinates per bin");
     figure.layers.push(Layer::Bars { bars, colour: colour::RESULT, hollow: false, label: "residuals" });
-    if let Some(sigma) = rms_px(all.iter()) {
+    if let Some(sigma) = rms_px(all.iter().copied()) {
         let area = 2.0 * all.len() as f64 * (edge(1) - edge(0));
         let normal = |x: f64| {
             area / (sigma * (2.0 * std::f64::consts::PI).sqrt()) * (-0.5 * (x / sigma).powi(2)).exp()
@@ -201,7 +150,7 @@ fn histogram(all: &[Located]) -> Figure {
     figure
 }
 
-fn over_image(problem: &Problem, all: &[Located]) -> Figure {
+fn over_image(problem: &Problem, all: &[&ResultResidual]) -> Figure {
     const COLUMNS: usize = 16;
     let [width, height] = problem.camera.size_px.map(f64::from);
     let size = width / COLUMNS as f64;
@@ -238,7 +187,7 @@ fn over_image(problem: &Problem, all: &[Located]) -> Figure {
     figure
 }
 
-fn over_time(problem: &Problem, all: &[Located]) -> Figure {
+fn over_time(problem: &Problem, all: &[&ResultResidual]) -> Figure {
     let mut figure = Figure::new("Root mean square residual over time", "time (s)", "rms of a frame (px)");
     let mut highest = 0.0_f64;
     for (is_target, colour, label) in
@@ -268,17 +217,17 @@ fn over_time(problem: &Problem, all: &[Located]) -> Figure {
 }
 
 /// Image residuals of each control target and tie point at the end.
-pub fn by_target(problem: &Problem, end: &[Located]) -> Table {
+pub fn by_target(problem: &Problem, end: &ResultResiduals) -> Table {
     let mut table = Table::new(
         "Image points of targets",
         &["target", "role", "image points", "rejected", "mean du", "mean dv", "rms of a coordinate"],
     );
     for (at, target) in problem.targets.iter().enumerate() {
-        let own: Vec<&Located> = end.iter().filter(|r| r.target == Some(at)).collect();
+        let own: Vec<&ResultResidual> = end.all().filter(|r| r.target == Some(at)).collect();
         if own.is_empty() {
             continue;
         }
-        let good: Vec<&Located> = own.iter().copied().filter(|r| r.is_accepted).collect();
+        let good: Vec<&ResultResidual> = own.iter().copied().filter(|r| r.is_accepted()).collect();
         let mean: Vector2<f64> =
             good.iter().map(|r| r.residual_px).sum::<Vector2<f64>>() / good.len().max(1) as f64;
         let px = |value: f64| format!("{} px", decimal(value, 2));

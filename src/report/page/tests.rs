@@ -1,5 +1,5 @@
 use super::*;
-use crate::files::read_problem;
+use crate::files::{ResultResidual, read_problem};
 use nalgebra::Vector2;
 use std::path::Path;
 
@@ -58,27 +58,31 @@ fn every_part_is_there_and_an_empty_one_says_why() {
 }
 
 #[test]
-fn residuals_find_their_image_points() {
+fn residuals_before_are_those_of_what_took_part_at_the_end() {
     let problem = tiny();
-    let vehicle = &problem.vehicles[0];
-    let o = vehicle.observations[2];
-    let residual = |frame, point: &str, du| ResultResidual {
-        frame,
-        vehicle: Some(vehicle.id.clone()),
-        point: point.to_owned(),
-        residual_px: Vector2::new(du, -2.0 * du),
-        weight: 1.0,
+    let residuals = |of: &[(usize, f64, f64)]| {
+        let mut all = ResultResiduals::none_of(&problem);
+        for &(at, du, weight) in of {
+            let o = problem.vehicles[0].observations[at];
+            all.vehicles[0][at] = Some(ResultResidual {
+                frame: o.frame,
+                target: None,
+                image_px: o.image_px,
+                residual_px: Vector2::new(du, -2.0 * du),
+                weight,
+                reason: None,
+            });
+        }
+        all
     };
-    let number = problem.frames[o.frame].number;
-    let point = &vehicle.points[o.point].id;
-    let found = residuals::located(
-        &problem,
-        &[residual(number, point, 0.5), residual(number, "ghost", 1.0), residual(-7, point, 1.0)],
-    );
-    assert_eq!(found.len(), 1);
-    assert_eq!((found[0].frame, found[0].image_px), (o.frame, o.image_px));
-    assert_eq!(residuals::rms_px(found.iter()), Some((1.25_f64 / 2.0).sqrt()));
-    assert_eq!(residuals::rms_px([].iter()), None);
+    let start = residuals(&[(0, 4.0, 1.0), (1, 100.0, 1.0), (2, 100.0, 1.0)]);
+    let end = residuals(&[(0, 0.5, 1.0), (1, 50.0, 0.0), (3, 0.5, 1.0)]);
+    assert_eq!(residuals::rms_px(end.all().filter(|r| r.is_accepted())), Some((1.25_f64 / 2.0).sqrt()));
+    assert_eq!(residuals::rms_px([].into_iter()), None);
+    let section = residuals::section(&problem, Some(&start), Some(&end));
+    let text = serde_json::to_string(&section).unwrap();
+    assert!(text.contains("2 image points took part at the end, 1 were rejected"), "{text}");
+    assert!(text.contains("[\"vehicles\",\"2\",\"6.32 px\",\"0.79 px\"]"), "{text}");
 }
 
 #[test]
