@@ -12,46 +12,17 @@
 //! likelihood ratio test, without another adjustment).
 
 use super::outcome::Fits;
+use super::score_test::DirectedTest;
 use super::{RefineOptions, statistical};
 use crate::estimate::Estimate;
 use crate::network::{BodyFrame, Model};
 use crate::problem::{Freedom, Problem};
-use crate::stats::normal::TWO_SIDED_99_9;
 use nalgebra::DMatrix;
 use trackbundle_solver::covariance::Undamped;
 use trackbundle_solver::system::BlockId;
 
-/// Critical value at a level of 0.1 %.
-pub const CRITICAL: f64 = TWO_SIDED_99_9;
 /// A number that would not be known better than this is not tested \[s\].
 const MOST_SIGMA_S: f64 = 0.2;
-
-/// The test of a number.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DirectedTest {
-    /// Its name, with its unit at the end.
-    pub name: &'static str,
-    /// Whose.
-    pub of: Option<String>,
-    /// What it is held at.
-    pub held_at: f64,
-    /// What it would be, to first order.
-    pub estimate: f64,
-    /// Standard deviation of that.
-    pub sigma: f64,
-}
-
-impl DirectedTest {
-    /// Standard normal where the number is what it is held at.
-    pub fn statistic(&self) -> f64 {
-        (self.estimate - self.held_at) / self.sigma
-    }
-
-    /// Whether that is rejected at a level of 0.1 %.
-    pub fn is_rejected(&self) -> bool {
-        self.statistic().abs() > CRITICAL
-    }
-}
 
 /// What the least squares were made of.
 pub struct Held<'a> {

@@ -18,7 +18,7 @@
 //! much worse than others they fit the first estimate, and again whenever poses are better known, each with
 //! its point found anew. What then fits comes back.
 
-use super::outcome::{Fits, ObservationFit};
+use super::fit::ObservationFit;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::{point_anew, tracks_left_behind};
 use crate::network::{OUTLIER_SIGMAS, Selection};
@@ -315,23 +315,24 @@ impl Excluded {
     }
 }
 
-/// The verdicts on the image points of an estimate, from how they fit. `excluded` took no part.
+/// The verdicts on the image points of an estimate, from how those of vehicles and of targets fit. `excluded` took
+/// no part.
 pub fn verdicts(
     problem: &Problem,
     estimate: &Estimate,
-    fits: &Fits,
+    (of_vehicles, of_targets): (&[Vec<Option<ObservationFit>>], &[Option<ObservationFit>]),
     excluded: &Excluded,
     limit: f64,
 ) -> Verdicts {
     let mut verdicts = Vec::new();
-    let all_fits = fits.vehicles.iter().chain([&fits.targets]);
+    let all_fits = of_vehicles.iter().map(Vec::as_slice).chain([of_targets]);
     let all_out = excluded.vehicles.iter().chain([&excluded.targets]);
     let residual_px = |fit: &Option<ObservationFit>| fit.map(|fit| fit.residual_px);
     let sets = sets_of(
         problem,
         estimate,
-        |vehicle, at| residual_px(&fits.vehicles[vehicle][at]),
-        |at| residual_px(&fits.targets[at]),
+        |vehicle, at| residual_px(&of_vehicles[vehicle][at]),
+        |at| residual_px(&of_targets[at]),
     );
     for ((set, fits), out) in sets.iter().zip(all_fits).zip(all_out) {
         let judged = set.judge(limit);

@@ -17,17 +17,20 @@
 mod alone;
 mod directed_tests;
 mod expected;
+mod fit;
 mod gross_errors;
 mod outcome;
 mod reversal;
 mod schedule;
+mod score_test;
 
 pub use alone::alone;
-pub use directed_tests::{CRITICAL, DirectedTest};
 pub use expected::expected;
+pub use fit::ObservationFit;
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
-pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, ObservationFit, Round};
+pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, Round};
 pub use schedule::RoundSchedule;
+pub use score_test::{CRITICAL, DirectedTest};
 
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;

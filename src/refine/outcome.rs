@@ -1,8 +1,9 @@
 //! What was solved and how well.
 
 use super::Network;
-use super::directed_tests::DirectedTest;
+use super::fit::ObservationFit;
 use super::gross_errors::{self, Excluded, Tally, Verdict, Verdicts};
+use super::score_test::DirectedTest;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
 use crate::network::{BodyStrength, Model, OUTLIER_SIGMAS, Selection};
@@ -127,24 +128,6 @@ pub struct Round {
     pub records: Vec<IterationRecord>,
 }
 
-/// How an image point fits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ObservationFit {
-    /// Observed minus computed \[px\].
-    pub residual_px: Vector2<f64>,
-    /// What it weighs: 1 in full, 0 not at all.
-    pub weight: f64,
-    /// Whether it is a gross error, by itself or with its track or frame.
-    pub is_outlier: bool,
-}
-
-impl ObservationFit {
-    /// Whether it takes part in least squares: it is no gross error and belongs to no check point.
-    pub fn is_accepted(&self) -> bool {
-        !self.is_outlier && self.weight > 0.0
-    }
-}
-
 /// How all image points of a problem fit an estimate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fits {
@@ -238,7 +221,8 @@ impl Fits {
             let fit = fits.count(computed, o.image_px, o.sigma_px, image_loss);
             fits.targets.push(fit);
         }
-        fits.verdicts = gross_errors::verdicts(problem, estimate, &fits, excluded, limit);
+        fits.verdicts =
+            gross_errors::verdicts(problem, estimate, (&fits.vehicles, &fits.targets), excluded, limit);
         let verdicts = fits.verdicts.vehicles.iter().chain([&fits.verdicts.targets]);
         let excluded = excluded.vehicles.iter().chain([&excluded.targets]);
         let sets = fits.vehicles.iter_mut().chain([&mut fits.targets]);
