@@ -186,6 +186,7 @@ const TOP_LEVEL: &[&str] = &[
     ".ci/run",
     ".gitignore",
     "ARCHITECTURE.md",
+    "CHANGELOG.md",
     "CONTRIBUTING.md",
     "Cargo.lock",
     "Cargo.toml",
