@@ -200,6 +200,10 @@ const MAY_OPEN_REFERENCE: &[&str] = &["reference", "evaluate", "simulate", "cli"
 const TOP_LEVEL: &[&str] = &[
     ".ci/run",
     ".gitignore",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "CONTRIBUTING.md",
     "Cargo.lock",
     "Cargo.toml",
     "LICENSE-APACHE",
@@ -235,6 +239,26 @@ fn every_room_is_in_the_plan_and_the_other_way_round() {
         let found: BTreeSet<String> = sources(house).into_iter().filter_map(|s| s.room).collect();
         let planned: BTreeSet<String> = house.plan.iter().map(|(_, room, _)| (*room).to_owned()).collect();
         assert_eq!(found, planned, "{}", house.sources);
+    }
+}
+
+/// ARCHITECTURE.md may run ahead of the plan, never behind it.
+#[test]
+fn every_room_is_in_the_code_map() {
+    let page = std::fs::read_to_string(in_package("ARCHITECTURE.md")).unwrap();
+    let named: BTreeSet<&str> = page
+        .lines()
+        .filter_map(|row| row.strip_prefix("| ")?.split(" | ").nth(1))
+        .flat_map(|rooms| rooms.split('`').skip(1).step_by(2))
+        .collect();
+    for house in HOUSES {
+        for (_, room, _) in house.plan {
+            assert!(
+                named.contains(room),
+                "{}/{room} is not in the code map of ARCHITECTURE.md",
+                house.sources
+            );
+        }
     }
 }
 
