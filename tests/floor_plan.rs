@@ -297,7 +297,6 @@ const CIRCLES: &[&[&str]] = &[
     ],
     &["src/report/page/content.rs", "src/report/page/figure.rs"],
     &["src/residuals/smooth_motion.rs", "src/residuals/twist.rs"],
-    &["solver/src/linear/coupling.rs", "solver/src/linear/pose_chain.rs", "solver/src/linear/tiles.rs"],
     &[
         "solver/src/system/apart.rs",
         "solver/src/system/common.rs",

@@ -27,7 +27,7 @@
 
 use super::cholesky::Singular;
 use super::coupling::Coupling;
-use super::pose_chain::{POSE, axpy, dot};
+use super::small::{POSE, axpy, dot};
 use super::tiles::{TILE, TiledCholesky};
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
@@ -462,7 +462,8 @@ impl Adjoint {
 
 #[cfg(test)]
 mod tests {
-    use super::super::coupling::{self, POINT};
+    use super::super::coupling;
+    use super::super::small::POINT;
     use super::*;
 
     /// A chain with these steps, and its dense copy.

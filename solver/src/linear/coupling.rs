@@ -9,15 +9,13 @@
 //!
 //! A pose may see a point more than once; its blocks add up.
 
-use super::pose_chain::POSE;
+use super::small::{POINT, POSE};
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A point of a shape.
-pub const POINT: usize = 3;
 /// For each number of a point, those of the pose.
 pub type CouplingBlock = [[f64; POSE]; POINT];
 /// Blocks that one task takes; fixed, so that sums do not depend on the threads.

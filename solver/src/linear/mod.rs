@@ -29,4 +29,5 @@ pub mod gradients;
 pub mod matrix;
 pub mod ordering;
 pub mod pose_chain;
+pub mod small;
 pub mod tiles;

@@ -9,8 +9,7 @@
 //! A tile is the work of one thread, so that sums do not depend on how many there are.
 
 use super::cholesky::{Singular, TooLarge, kernel_threads};
-use super::coupling::POINT;
-use super::pose_chain::{axpy, dot};
+use super::small::{POINT, axpy, dot};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::matmul::matmul;

@@ -19,8 +19,7 @@ use super::frames::{BodyAtStep, Frames, Place};
 use super::leaves::Local;
 use super::together::TogetherFactor;
 use super::{BlockId, Curvature, Factors, GroupId, Normal, System, Values};
-use crate::linear::coupling::POINT;
-use crate::linear::pose_chain::POSE;
+use crate::linear::small::{POINT, POSE};
 use nalgebra::{DMatrix, Matrix6};
 use rayon::prelude::*;
 

@@ -16,9 +16,8 @@ use super::Normal;
 use super::frames::{Frames, FramesLinear, Place, Step};
 use crate::linear::chain::Chain;
 use crate::linear::cholesky::{Singular, TooLarge};
-use crate::linear::coupling::POINT;
 use crate::linear::gradients::{Preconditioned, conjugate_gradients};
-use crate::linear::pose_chain::POSE;
+use crate::linear::small::{POINT, POSE};
 use crate::linear::tiles::TiledCholesky;
 use nalgebra::DMatrix;
 
