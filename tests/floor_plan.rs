@@ -297,16 +297,6 @@ const CIRCLES: &[&[&str]] = &[
     ],
     &["src/report/page/content.rs", "src/report/page/figure.rs"],
     &["src/residuals/smooth_motion.rs", "src/residuals/twist.rs"],
-    &[
-        "solver/src/system/apart.rs",
-        "solver/src/system/common.rs",
-        "solver/src/system/factors.rs",
-        "solver/src/system/frames.rs",
-        "solver/src/system/group.rs",
-        "solver/src/system/leaves.rs",
-        "solver/src/system/selected.rs",
-        "solver/src/system/together.rs",
-    ],
 ];
 
 /// A module that hands on what its own files have is no part of a circle.

@@ -14,7 +14,7 @@ use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log};
 use crate::problem::{Freedom, PoseSigma, Problem, Shutter};
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
-use trackbundle_solver::linear::cholesky::TooLarge;
+use trackbundle_solver::TooLarge;
 use trackbundle_solver::loss::Loss;
 use trackbundle_solver::minimise::{Minimiser, MinimiserOptions};
 
