@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Runs the examples `bal` and `mvba` and Ceres side by side, and prints a table of ratios.
+"""Runs the examples `bal` and `mvba` of the solver and Ceres side by side, and prints a table of ratios.
 
     python3 benches/side_by_side.py [--runs 3] [--textbook] [--fleet] [--ceres DIR] [--bal FILE ...]
 

@@ -327,17 +327,6 @@ fn packages_come_in_by_their_doors() {
 const CIRCLES: &[&[&str]] = &[
     &["src/files/problem_toml.rs", "src/files/video.rs"],
     &["src/report/page/content.rs", "src/report/page/figure.rs"],
-    &["solver/src/linear/coupling.rs", "solver/src/linear/pose_chain.rs", "solver/src/linear/tiles.rs"],
-    &[
-        "solver/src/system/apart.rs",
-        "solver/src/system/common.rs",
-        "solver/src/system/factors.rs",
-        "solver/src/system/frames.rs",
-        "solver/src/system/group.rs",
-        "solver/src/system/leaves.rs",
-        "solver/src/system/selected.rs",
-        "solver/src/system/together.rs",
-    ],
 ];
 
 /// A module that hands on what its own files have is no part of a circle.

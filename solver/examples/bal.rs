@@ -10,7 +10,7 @@
 //! With `--interior shared` one camera took all images: f, k1, k2 are one block that all image points see,
 //! started at the medians of the file's; with `fixed` that block is held there.
 //!
-//! `cargo run --release --example bal -- FILE [--loss huber] [--interior shared] [--json]`
+//! `cargo run --release -p trackbundle-solver --example bal -- FILE [--loss huber] [--interior shared] [--json]`
 
 use clap::{Parser, ValueEnum};
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, UnitQuaternion, Vector2, Vector3};
@@ -19,9 +19,8 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use trackbundle_solver::geometry::{rotation, skew};
 use trackbundle_solver::loss::{DEFAULT_SHAPE, LossName};
-use trackbundle_solver::manifold::{Manifold, read_point, read_pose};
-use trackbundle_solver::residual::{Jacobian, Residual};
-use trackbundle_solver::system::{BlockId, Measurement, System, SystemBuilder, Values};
+use trackbundle_solver::manifold::{read_point, read_pose};
+use trackbundle_solver::{BlockId, Jacobian, Manifold, Measurement, Residual, System, SystemBuilder, Values};
 
 #[path = "support/run.rs"]
 mod run;
@@ -237,8 +236,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 mod tests {
     use super::*;
     use nalgebra::Rotation3;
-    use trackbundle_solver::minimise::Minimiser;
-    use trackbundle_solver::residual::worst_jacobian_entry;
+    use trackbundle_solver::{Minimiser, worst_jacobian_entry};
 
     #[test]
     fn the_jacobian_is_that_of_its_differences() {

@@ -56,6 +56,33 @@ impl<'a> Undamped<'a> {
 /// Covariance of unknowns whose measurements have the standard deviations stated (a variance of unit weight
 /// of 1). A pose is perturbed as [`super::manifold`] says: position \[m\] along the axes of the world,
 /// attitude \[rad\] about the axes of the body.
+///
+/// ```
+/// # use trackbundle_solver::nalgebra::Vector1;
+/// # use trackbundle_solver::{Covariance, Jacobian, Loss, Manifold, Measurement, Minimiser, MinimiserOptions};
+/// # use trackbundle_solver::{Residual, SystemBuilder};
+/// # struct Reading(f64);
+/// # impl Residual<1, 1> for Reading {
+/// #     const MANIFOLDS: [Manifold; 1] = [Manifold::SCALAR];
+/// #     fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<1, 1>>) -> Option<Vector1<f64>> {
+/// #         if let Some(jacobian) = jacobian {
+/// #             jacobian.set(0, 0, &Vector1::new(1.0));
+/// #         }
+/// #         Some(Vector1::new(x[0][0] - self.0))
+/// #     }
+/// # }
+/// # let mut builder = SystemBuilder::default();
+/// # let level = builder.add_block(Manifold::SCALAR, &[0.0], &[true]);
+/// # let readings = [1.0, 2.0, 6.0].map(|read| Measurement { residual: Reading(read), blocks: [level], sigma: [0.3] });
+/// # builder.add_group("readings", Loss::Squared, readings.into());
+/// # let system = builder.build();
+/// # let minimum = Minimiser::new(&system)?.run(&system, system.start(), MinimiserOptions::default(), None);
+/// // The mean of three readings of 0.3.
+/// let covariance = Covariance::new(&system, &minimum.values)?;
+/// let sigma = covariance.block(level, level).expect("it is adjusted")[(0, 0)].sqrt();
+/// assert!((sigma - 0.3 / 3.0_f64.sqrt()).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Covariance<'a> {
     undamped: Undamped<'a>,
     selected: SelectedInverse,
@@ -70,7 +97,10 @@ impl<'a> Covariance<'a> {
         Ok(Covariance { selected: selected.ok_or(NoCovariance::NotSelected)?, undamped })
     }
 
-    /// The covariance between two blocks; see [`SelectedInverse::block`].
+    /// The covariance between two blocks; zero where a component is held, and `None` where one is held whole or
+    /// the pair was not selected. Selected are pairs that share a measurement other than an image point, all pairs
+    /// without a pose, and poses of one body within the moments of
+    /// [`SystemBuilder::select_within`](super::system::SystemBuilder::select_within).
     pub fn block(&self, a: BlockId, b: BlockId) -> Option<DMatrix<f64>> {
         self.selected.block(self.undamped.system, a, b)
     }
@@ -85,12 +115,14 @@ impl<'a> Covariance<'a> {
         self.undamped.system.transposed_product(group, &self.undamped.normal, z)
     }
 
-    /// The measurements of a group, linearised; see [`SelectedInverse::jacobians`].
+    /// The measurements of a group, in their order: what each sees that is not held whole, and its whitened,
+    /// weighted Jacobian by it. Empty for image points that are eliminated along time.
     pub fn jacobians(&self, group: GroupId) -> Vec<Vec<(BlockId, DMatrix<f64>)>> {
         SelectedInverse::jacobians(self.undamped.system, &self.undamped.normal, group)
     }
 
-    /// The leverages of a group; see [`SelectedInverse::leverages`].
+    /// The leverages of a group: for each measurement `J Q J^T` of its whitened, weighted rows, column by
+    /// column. Its diagonal is 1 minus the redundancy numbers.
     pub fn leverages(&self, group: GroupId) -> &[f64] {
         self.selected.leverages(group)
     }

@@ -14,6 +14,15 @@ use std::str::FromStr;
 ///
 /// Sources: Huber (1964); Black and Anandan, IJCV 19 (1996) for Tukey, Cauchy (Lorentzian) and
 /// Geman-McClure; Barron, *A general and adaptive robust loss function*, CVPR 2019, equation (8).
+///
+/// ```
+/// use trackbundle_solver::Loss;
+///
+/// let loss = Loss::Huber { scale: 2.0 };
+/// assert_eq!(loss.weight(1.0), 1.0);
+/// // Ten standard deviations off: a fifth of its weight is left.
+/// assert_eq!(loss.weight(100.0), 0.2);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Loss {
     /// `s`: least squares.

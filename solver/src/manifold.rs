@@ -9,13 +9,26 @@ use crate::geometry::rotation::{exp, log, right_jacobian_inverse};
 use crate::geometry::{self, Pose};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 
-/// The most numbers that perturb one block.
+/// The most numbers that perturb one block: every [`Jacobian`](crate::Jacobian) has room for as many.
 pub const MAX_TANGENT: usize = 9;
 
 /// The set that one block of unknowns lives in.
 ///
 /// Laws: `plus(x, 0) = x`; `minus(plus(x, d), x) = d` for rotations below pi;
 /// `plus(x, minus(y, x)) = y`.
+///
+/// ```
+/// use trackbundle_solver::Manifold;
+///
+/// // A pose at the origin is moved up and turned by a right angle about its z axis.
+/// let (start, mut moved) = ([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0; 7]);
+/// let turn = std::f64::consts::FRAC_PI_2;
+/// Manifold::Pose.plus(&start, &[0.0, 0.0, 5.0, 0.0, 0.0, turn], &mut moved);
+/// assert_eq!(moved[2], 5.0);
+/// let mut step = [0.0; 6];
+/// Manifold::Pose.minus(&moved, &start, &mut step);
+/// assert!((step[5] - turn).abs() < 1e-15);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manifold {
     /// `n <= 9` plain numbers.
@@ -33,6 +46,7 @@ impl Manifold {
     pub const SCALAR: Manifold = Manifold::Vector(1);
 
     /// How many numbers store a value.
+    #[inline]
     pub const fn ambient(self) -> usize {
         match self {
             Manifold::Vector(n) => n,
@@ -42,6 +56,7 @@ impl Manifold {
     }
 
     /// How many numbers perturb a value.
+    #[inline]
     pub const fn tangent(self) -> usize {
         match self {
             Manifold::Vector(n) => n,
@@ -51,6 +66,7 @@ impl Manifold {
     }
 
     /// Writes `x` moved by `delta` to `moved`.
+    #[inline]
     pub fn plus(self, x: &[f64], delta: &[f64], moved: &mut [f64]) {
         match self {
             Manifold::Vector(n) => (0..n).for_each(|i| moved[i] = x[i] + delta[i]),
@@ -84,6 +100,7 @@ impl Manifold {
 }
 
 /// The perturbation that moves `x` to `y`: `[position in the world; log(Rx^T Ry)]` \[m, rad\].
+#[inline]
 pub fn pose_minus(y: &Pose, x: &Pose) -> Vector6<f64> {
     let mut delta = Vector6::zeros();
     delta.fixed_rows_mut::<3>(0).copy_from(&(y.translation.vector - x.translation.vector));
@@ -92,6 +109,7 @@ pub fn pose_minus(y: &Pose, x: &Pose) -> Vector6<f64> {
 }
 
 /// Derivative of [`pose_minus`] with respect to the perturbation of `y`, 6 x 6.
+#[inline]
 pub fn pose_minus_jacobian(y: &Pose, x: &Pose) -> Matrix6<f64> {
     let mut jacobian = Matrix6::identity();
     let turn = log(&(x.rotation.inverse() * y.rotation));
@@ -116,6 +134,7 @@ pub fn body_from_observer_motion(observer: &Pose, body: &Pose) -> Matrix6<f64> {
 }
 
 /// The pose stored in seven numbers, as they are (they hold a unit quaternion).
+#[inline]
 pub fn read_pose(x: &[f64]) -> Pose {
     use nalgebra::{Quaternion, Translation3, UnitQuaternion};
     Pose::from_parts(
@@ -125,6 +144,7 @@ pub fn read_pose(x: &[f64]) -> Pose {
 }
 
 /// The seven numbers that store a pose.
+#[inline]
 pub fn write_pose(pose: &Pose) -> [f64; 7] {
     let [w, x, y, z] = geometry::quaternion_wxyz(pose);
     let p = pose.translation.vector;
@@ -132,6 +152,7 @@ pub fn write_pose(pose: &Pose) -> [f64; 7] {
 }
 
 /// The point stored in three numbers.
+#[inline]
 pub fn read_point(x: &[f64]) -> Point3<f64> {
     Point3::new(x[0], x[1], x[2])
 }

@@ -182,11 +182,11 @@ pub struct Minimum {
 /// Wall time of the stages of all iterations \[s\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StageSeconds {
-    /// Jacobians, normal equations, elimination of leaves.
+    /// Jacobians, normal equations, elimination of the blocks that are eliminated first.
     pub linearise: f64,
     /// Factorisation and solution of what is left.
     pub factorise: f64,
-    /// Steps of leaves.
+    /// Steps of the blocks that are eliminated first.
     pub substitute: f64,
     /// Costs.
     pub cost: f64,
@@ -198,6 +198,35 @@ pub type Watch<'a> = &'a mut dyn FnMut(&IterationRecord, &Values);
 
 /// The minimiser of one system, with its workspace: the symbolic factorisation is made once, and the
 /// last factors stay for those who want variances.
+///
+/// ```
+/// # use trackbundle_solver::nalgebra::Vector1;
+/// # use trackbundle_solver::{Covariance, Jacobian, Loss, Manifold, Measurement, Minimiser, MinimiserOptions};
+/// # use trackbundle_solver::{Residual, SystemBuilder};
+/// # struct Reading(f64);
+/// # impl Residual<1, 1> for Reading {
+/// #     const MANIFOLDS: [Manifold; 1] = [Manifold::SCALAR];
+/// #     fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<1, 1>>) -> Option<Vector1<f64>> {
+/// #         if let Some(jacobian) = jacobian {
+/// #             jacobian.set(0, 0, &Vector1::new(1.0));
+/// #         }
+/// #         Some(Vector1::new(x[0][0] - self.0))
+/// #     }
+/// # }
+/// # let mut builder = SystemBuilder::default();
+/// # let level = builder.add_block(Manifold::SCALAR, &[0.0], &[true]);
+/// # let readings = [1.0, 2.0, 6.0].map(|read| Measurement { residual: Reading(read), blocks: [level], sigma: [0.3] });
+/// # builder.add_group("readings", Loss::Squared, readings.into());
+/// # let system = builder.build();
+/// let mut costs = Vec::new();
+/// let mut watch = |record: &trackbundle_solver::IterationRecord, _: &_| costs.push(record.cost);
+/// let options = MinimiserOptions { max_iterations: 20, ..MinimiserOptions::default() };
+/// let minimum = Minimiser::new(&system)?.run(&system, system.start(), options, Some(&mut watch));
+/// assert!(minimum.stop.converged(), "{}", minimum.stop);
+/// assert_eq!(costs.len(), minimum.records.len());
+/// assert!(minimum.cost.value < costs[0]);
+/// # Ok::<(), trackbundle_solver::TooLarge>(())
+/// ```
 pub struct Minimiser {
     options: MinimiserOptions,
     normal: Normal,
@@ -280,7 +309,7 @@ impl Minimiser {
         let wanted = self.curvature();
         let is_done = |found: Curvature| {
             found.least_flatness == wanted.least_flatness
-                && (found.damping == wanted.damping || !system.has_leaves())
+                && (found.damping == wanted.damping || !system.has_eliminated_blocks())
         };
         if !self.linearised.is_some_and(is_done) {
             self.linearised = None;
@@ -298,12 +327,12 @@ impl Minimiser {
         let begin = Instant::now();
         let extra: Vec<f64> = self.normal.scale().iter().map(|d| d * self.damping).collect();
         self.factor_damping = f64::INFINITY;
-        if system.has_leaves() {
+        if system.has_eliminated_blocks() {
             // Formed for this damping alone.
             self.linearised = None;
         }
         let gradient =
-            if system.has_frames() { self.normal.raw_gradient() } else { self.normal.gradient.as_slice() };
+            if system.is_along_time() { self.normal.raw_gradient() } else { self.normal.gradient.as_slice() };
         let mut others: Vec<f64> = gradient.iter().map(|g| -g).collect();
         self.factors.step(system, &mut self.normal, &extra, STEP_ACCURACY, &mut others).ok()?;
         self.factor_damping = self.damping;

@@ -34,6 +34,28 @@ impl<const ROWS: usize, const BLOCKS: usize> Jacobian<ROWS, BLOCKS> {
 /// Laws: `evaluate` is a function of its arguments alone; its Jacobian is that of its value through
 /// [`Manifold::plus`] ([`worst_jacobian_entry`] checks this); where the geometry is impossible (a
 /// point behind the camera) it is `None`, never a number.
+///
+/// ```
+/// use trackbundle_solver::nalgebra::Vector1;
+/// use trackbundle_solver::{Jacobian, Manifold, Residual, worst_jacobian_entry};
+///
+/// /// A level that was read from a gauge.
+/// struct Reading(f64);
+///
+/// impl Residual<1, 1> for Reading {
+///     const MANIFOLDS: [Manifold; 1] = [Manifold::SCALAR];
+///
+///     fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<1, 1>>) -> Option<Vector1<f64>> {
+///         if let Some(jacobian) = jacobian {
+///             jacobian.set(0, 0, &Vector1::new(1.0));
+///         }
+///         Some(Vector1::new(x[0][0] - self.0))
+///     }
+/// }
+///
+/// let worst = worst_jacobian_entry(&Reading(2.0), &[&[5.0]], 1e-6).expect("it has a value");
+/// assert!(worst.gap < 1e-8);
+/// ```
 pub trait Residual<const ROWS: usize, const BLOCKS: usize>: Send + Sync {
     /// Where each block lives.
     const MANIFOLDS: [Manifold; BLOCKS];

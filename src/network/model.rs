@@ -10,7 +10,7 @@ use super::sink::SystemSink;
 use super::source::Source;
 use crate::estimate::Estimate;
 use crate::problem::Problem;
-use trackbundle_solver::linear::cholesky::Singular;
+use trackbundle_solver::Singular;
 use trackbundle_solver::loss::{Loss, robust_spread_of_many};
 use trackbundle_solver::minimise::Minimiser;
 use trackbundle_solver::system::{Arrangement, BlockId, GroupId, System, SystemBuilder, TimeStep, Values};

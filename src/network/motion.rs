@@ -23,7 +23,7 @@ pub use crate::trajectory::{Order, Strengths};
 use nalgebra::Point3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use trackbundle_solver::linear::cholesky::Singular;
+use trackbundle_solver::Singular;
 use trackbundle_solver::minimise::Minimiser;
 use trackbundle_solver::residual::Residual;
 use trackbundle_solver::system::{Accuracy, BlockId, GroupId, Measurement, System, Values};

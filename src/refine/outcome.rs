@@ -9,7 +9,7 @@ use crate::initialise::intersect_target;
 use crate::network::{BodyStrength, Model, OUTLIER_SIGMAS, Selection};
 use crate::problem::{Problem, Role, Target};
 use nalgebra::{Vector2, Vector3};
-use trackbundle_solver::linear::ordering::Rule;
+use trackbundle_solver::Elimination;
 use trackbundle_solver::loss::Loss;
 use trackbundle_solver::minimise::{IterationRecord, Minimum, Stop};
 
@@ -48,7 +48,7 @@ pub struct Adjustment {
     /// Check points.
     pub check_points: Vec<CheckPoint>,
     /// In which order the unknowns were eliminated, and operations of one factorisation.
-    pub elimination: (Rule, f64),
+    pub elimination: (Elimination, f64),
     /// Tests of single numbers that are held.
     pub directed_tests: Vec<DirectedTest>,
     /// What is odd.

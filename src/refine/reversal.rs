@@ -13,7 +13,7 @@ use crate::geometry::rotation::{exp, log};
 use crate::network::{Body, BodyStrength, Model, MotionPrior, MotionPriors, Purpose, Selection};
 use crate::problem::{Freedom, PoseSigma, Problem, Shutter};
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
-use trackbundle_solver::linear::cholesky::TooLarge;
+use trackbundle_solver::TooLarge;
 use trackbundle_solver::loss::Loss;
 use trackbundle_solver::minimise::{Minimiser, MinimiserOptions};
 

@@ -15,7 +15,7 @@ use crate::problem::Problem;
 use crate::refine::{Adjustment, Body, BodyStrength, Order, Reason, Tally};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use trackbundle_solver::linear::ordering::Rule;
+use trackbundle_solver::Elimination;
 use trackbundle_solver::loss::Loss;
 
 /// Version of the form of the report.
@@ -350,10 +350,10 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
             .collect(),
         elimination: Some(EliminationReport {
             order: match adjustment.elimination.0 {
-                Rule::FramesFirst => "frames by what image points see of them, then shape and rest",
-                Rule::BodiesApart => "each vehicle with its shape, then cameras and the rest",
-                Rule::AsDeclared => "frames along time, then shape and targets",
-                Rule::MinimumDegree => "approximate minimum degree",
+                Elimination::JointBodies => "frames by what image points see of them, then shape and rest",
+                Elimination::SeparateBodies => "each vehicle with its shape, then cameras and the rest",
+                Elimination::AsDeclared => "frames along time, then shape and targets",
+                Elimination::MinimumDegree => "approximate minimum degree",
             },
             operations: adjustment.elimination.1,
         }),

@@ -180,12 +180,12 @@ pub struct Cofactors {
 impl Cofactors {
     /// Those at `values`.
     pub fn new(system: &System, values: &Values) -> Cofactors {
-        assert!(!system.has_leaves() && !system.has_frames());
+        assert!(!system.has_eliminated_blocks() && !system.is_along_time());
         let mut normal = system.normal();
         system.linearise(values, Curvature::PLAIN, &mut normal).expect("a normal matrix");
-        let scale: Vec<f64> = normal.matrix.diagonal().iter().map(|d| d.sqrt().recip()).collect();
+        let scale: Vec<f64> = normal.diagonal().iter().map(|d| d.sqrt().recip()).collect();
         let mut matrix = DMatrix::zeros(scale.len(), scale.len());
-        normal.matrix.for_each_entry(|row, column, value| {
+        normal.for_each_entry(|row, column, value| {
             matrix[(row, column)] = value * scale[row] * scale[column];
         });
         // The factor is made from the lower triangle alone.

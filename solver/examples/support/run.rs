@@ -5,8 +5,7 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::str::{FromStr, SplitAsciiWhitespace};
 use std::time::Instant;
-use trackbundle_solver::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum};
-use trackbundle_solver::system::{System, Values};
+use trackbundle_solver::{IterationRecord, Minimiser, MinimiserOptions, Minimum, System, Values};
 
 /// Options of a run.
 #[derive(Args)]

@@ -12,6 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vec
 pub type Pose = Isometry3<f64>;
 
 /// A pose from a position \[m\] and a Hamilton quaternion, scalar first, which is normalised.
+#[inline]
 pub fn pose(position_m: [f64; 3], quaternion_wxyz: [f64; 4]) -> Pose {
     let [w, x, y, z] = quaternion_wxyz;
     Pose::from_parts(
@@ -21,6 +22,7 @@ pub fn pose(position_m: [f64; 3], quaternion_wxyz: [f64; 4]) -> Pose {
 }
 
 /// The quaternion of a pose, scalar first, with the sign that makes the scalar non-negative.
+#[inline]
 pub fn quaternion_wxyz(pose: &Pose) -> [f64; 4] {
     let q = pose.rotation.quaternion();
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
@@ -28,6 +30,7 @@ pub fn quaternion_wxyz(pose: &Pose) -> [f64; 4] {
 }
 
 /// The matrix `[v]x` with `[v]x w = v x w`.
+#[inline]
 pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }

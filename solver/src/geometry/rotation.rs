@@ -12,11 +12,13 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 const SMALL_ANGLE: f64 = 1e-4;
 
 /// The rotation of `phi` \[rad\] about its own direction.
+#[inline]
 pub fn exp(phi: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(*phi)
 }
 
 /// The rotation vector of `q`, of length at most pi \[rad\]. Exact for small angles too.
+#[inline]
 pub fn log(q: &UnitQuaternion<f64>) -> Vector3<f64> {
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     let (w, v) = (sign * q.w, sign * q.imag());
@@ -30,17 +32,20 @@ pub fn log(q: &UnitQuaternion<f64>) -> Vector3<f64> {
 }
 
 /// Inverse of the right Jacobian: `log(exp(phi) exp(d)) = phi + J d` to first order.
+#[inline]
 pub fn right_jacobian_inverse(phi: &Vector3<f64>) -> Matrix3<f64> {
     let cross = skew(phi);
     Matrix3::identity() + 0.5 * cross + quadratic(phi.norm()) * cross * cross
 }
 
 /// Inverse of the left Jacobian: `log(exp(d) exp(phi)) = phi + J d` to first order.
+#[inline]
 pub fn left_jacobian_inverse(phi: &Vector3<f64>) -> Matrix3<f64> {
     right_jacobian_inverse(phi).transpose()
 }
 
 /// The left Jacobian: `exp(phi + d) = exp(J d) exp(phi)` to first order.
+#[inline]
 pub fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
     let (square, cross) = (phi.norm_squared(), skew(phi));
     Matrix3::identity() + alternating(square, 2) * cross + alternating(square, 3) * cross * cross

@@ -17,18 +17,21 @@ use super::{Pose, skew};
 use nalgebra::{Matrix3, Matrix6, Translation3, Vector3, Vector6};
 
 /// The motion by a twist \[m, rad\].
+#[inline]
 pub fn exp(twist: &Vector6<f64>) -> Pose {
     let (rho, phi) = parts(twist);
     Pose::from_parts(Translation3::from(rotation::left_jacobian(&phi) * rho), rotation::exp(&phi))
 }
 
 /// The twist of a motion, its angle at most pi \[m, rad\].
+#[inline]
 pub fn log(motion: &Pose) -> Vector6<f64> {
     let phi = rotation::log(&motion.rotation);
     joined(&(rotation::left_jacobian_inverse(&phi) * motion.translation.vector), &phi)
 }
 
 /// `Ad` with `T exp(xi) T^-1 = exp(Ad xi)`, 6 x 6.
+#[inline]
 pub fn adjoint(pose: &Pose) -> Matrix6<f64> {
     let turn = pose.rotation.to_rotation_matrix();
     blocks(turn.matrix(), &(skew(&pose.translation.vector) * turn.matrix()))
@@ -90,11 +93,13 @@ pub fn right_jacobian_slope(twist: &Vector6<f64>, x: &Vector6<f64>) -> Matrix6<f
 }
 
 /// The linear and the angular part.
+#[inline]
 pub fn parts(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned())
 }
 
 /// The twist with these parts.
+#[inline]
 pub fn joined(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }

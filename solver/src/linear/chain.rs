@@ -27,7 +27,7 @@
 
 use super::cholesky::Singular;
 use super::coupling::Coupling;
-use super::pose_chain::{POSE, axpy, dot};
+use super::small::{POSE, axpy, dot};
 use super::tiles::{TILE, TiledCholesky};
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
@@ -38,7 +38,7 @@ const PANEL_COLUMNS: usize = 192;
 
 /// A block band matrix in steps, lower triangle.
 #[derive(Clone, Debug)]
-pub struct Chain {
+pub(crate) struct Chain {
     /// Unknowns `(c, y)` of each step.
     dims: Vec<(usize, usize)>,
     /// First scalar of each step, and their number at the end.
@@ -50,7 +50,7 @@ pub struct Chain {
 
 impl Chain {
     /// Zeros.
-    pub fn new(dims: Vec<(usize, usize)>, band: usize) -> Self {
+    pub(crate) fn new(dims: Vec<(usize, usize)>, band: usize) -> Self {
         let mut starts = vec![0];
         dims.iter().for_each(|(c, y)| starts.push(starts[starts.len() - 1] + c + y));
         let size = |t: usize| dims[t].0 + dims[t].1;
@@ -61,32 +61,32 @@ impl Chain {
     }
 
     /// Unknowns.
-    pub fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.starts[self.starts.len() - 1]
     }
 
     /// First scalar of a step.
-    pub fn start(&self, step: usize) -> usize {
+    pub(crate) fn start(&self, step: usize) -> usize {
         self.starts[step]
     }
 
     /// Behind the last scalar of a step.
-    pub fn end(&self, step: usize) -> usize {
+    pub(crate) fn end(&self, step: usize) -> usize {
         self.starts[step + 1]
     }
 
     /// Sets everything to zero.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.blocks.iter_mut().flatten().for_each(|block| block.fill(0.0));
     }
 
     /// The block at row step `column + k`.
-    pub fn block_mut(&mut self, column: usize, k: usize) -> &mut DMatrix<f64> {
+    pub(crate) fn block_mut(&mut self, column: usize, k: usize) -> &mut DMatrix<f64> {
         &mut self.blocks[column][k]
     }
 
     /// Replaces the matrix by its factor `L`. Of diagonal blocks the lower triangle counts.
-    pub fn factorise(&mut self) -> Result<(), Singular> {
+    pub(crate) fn factorise(&mut self) -> Result<(), Singular> {
         for t in 0..self.dims.len() {
             let (before, rest) = self.blocks.split_at_mut(t);
             let column = &mut rest[0];
@@ -113,7 +113,7 @@ impl Chain {
     }
 
     /// Solves `H x = b` in place for the columns of `b`, after the factorisation.
-    pub fn solve(&self, b: &mut DMatrix<f64>) {
+    pub(crate) fn solve(&self, b: &mut DMatrix<f64>) {
         struct Work<'a>(&'a Chain, &'a mut [f64]);
         impl WithSimd for Work<'_> {
             type Output = ();
@@ -167,7 +167,7 @@ impl Chain {
     /// ```text
     /// Z_st = (delta_st L_tt^-T - sum_j Z_s,t+j L_t+j,t) L_tt^-1       j = 1 .. band
     /// ```
-    pub fn selected_inverse(&self, reach: usize) -> Vec<Vec<DMatrix<f64>>> {
+    pub(crate) fn selected_inverse(&self, reach: usize) -> Vec<Vec<DMatrix<f64>>> {
         let mut inverse: Vec<Vec<DMatrix<f64>>> = vec![Vec::new(); self.dims.len()];
         for (t, column) in self.blocks.iter().enumerate().rev() {
             let (factor, below) = column.split_first().expect("a diagonal block");
@@ -196,7 +196,7 @@ impl Chain {
     }
 
     /// Replaces `B` by `B H^-1`, after the factorisation: [`Chain::solve`] for rows instead of columns.
-    pub fn solve_rows(&self, b: &mut DMatrix<f64>) {
+    pub(crate) fn solve_rows(&self, b: &mut DMatrix<f64>) {
         let steps = self.dims.len();
         let range = |t: usize| (self.starts[t], self.starts[t + 1] - self.starts[t]);
         for t in 0..steps {
@@ -297,7 +297,7 @@ impl Chain {
 
     /// Subtracts `W^T [H^-1]_yy W` from the lower triangle of the leading part of `border`. The poses of the
     /// coupling are those of all `y` in time order.
-    pub fn reduce(&self, coupling: &Coupling, border: &mut TiledCholesky) {
+    pub(crate) fn reduce(&self, coupling: &Coupling, border: &mut TiledCholesky) {
         let m = coupling.pattern().rows();
         if m == 0 {
             return;
@@ -462,7 +462,8 @@ impl Adjoint {
 
 #[cfg(test)]
 mod tests {
-    use super::super::coupling::{self, POINT};
+    use super::super::coupling;
+    use super::super::small::POINT;
     use super::*;
 
     /// A chain with these steps, and its dense copy.

@@ -12,7 +12,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 
 /// Factor of a matrix `A = L L^T` and the workspace to make it again with other values.
-pub struct Cholesky {
+pub(crate) struct Cholesky {
     symbolic: SymbolicCholesky<usize>,
     factor: Vec<f64>,
     workspace: MemBuffer,
@@ -38,7 +38,7 @@ pub struct TooLarge;
 impl Cholesky {
     /// Analyses a pattern. Uses the threads of the current pool; their number does not
     /// change the result.
-    pub fn analyse(matrix: &Pattern) -> Result<Self, TooLarge> {
+    pub(crate) fn analyse(matrix: &Pattern) -> Result<Self, TooLarge> {
         let n = matrix.size();
         // The matrix is kept in elimination order already.
         let identity: Vec<usize> = (0..n).collect();
@@ -69,7 +69,7 @@ impl Cholesky {
     }
 
     /// Factorises `matrix`, which has the pattern that was analysed.
-    pub fn factorise(&mut self, matrix: &BlockMatrix) -> Result<(), Singular> {
+    pub(crate) fn factorise(&mut self, matrix: &BlockMatrix) -> Result<(), Singular> {
         let Cholesky { symbolic, factor, workspace, threads, parallelism } = self;
         threads.install(|| {
             let result = symbolic.factorize_numeric_llt(
@@ -86,7 +86,7 @@ impl Cholesky {
     }
 
     /// Solves `A x = b` in place for the columns of `b`, each as long as the matrix.
-    pub fn solve(&mut self, b: &mut [f64]) {
+    pub(crate) fn solve(&mut self, b: &mut [f64]) {
         let n = self.symbolic.nrows();
         if n == 0 {
             return;
@@ -107,7 +107,7 @@ impl Cholesky {
 }
 
 /// Threads for the kernels of the library: see [`Cholesky`].
-pub fn kernel_threads(count: usize) -> Result<Arc<ThreadPool>, TooLarge> {
+pub(crate) fn kernel_threads(count: usize) -> Result<Arc<ThreadPool>, TooLarge> {
     ThreadPoolBuilder::new().num_threads(count).build().map(Arc::new).map_err(|_| TooLarge)
 }
 

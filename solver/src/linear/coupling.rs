@@ -9,23 +9,21 @@
 //!
 //! A pose may see a point more than once; its blocks add up.
 
-use super::pose_chain::POSE;
+use super::small::{POINT, POSE};
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A point of a shape.
-pub const POINT: usize = 3;
 /// For each number of a point, those of the pose.
-pub type CouplingBlock = [[f64; POSE]; POINT];
+pub(crate) type CouplingBlock = [[f64; POSE]; POINT];
 /// Blocks that one task takes; fixed, so that sums do not depend on the threads.
 const TASK_BLOCKS: usize = 1 << 14;
 
 /// Which points each pose sees.
 #[derive(Clone, Debug)]
-pub struct CouplingPattern {
+pub(crate) struct CouplingPattern {
     /// Numbers of the shape.
     rows: usize,
     /// First block of each pose, and their number at the end.
@@ -38,14 +36,14 @@ pub struct CouplingPattern {
 
 /// `W`.
 #[derive(Clone, Debug)]
-pub struct Coupling {
+pub(crate) struct Coupling {
     pattern: Arc<CouplingPattern>,
     blocks: Vec<CouplingBlock>,
 }
 
 impl CouplingPattern {
     /// For each pose, in time order, the first numbers of the points that it sees, of a shape of `rows` numbers.
-    pub fn new(rows: usize, poses: impl IntoIterator<Item = Vec<u32>>) -> Self {
+    pub(crate) fn new(rows: usize, poses: impl IntoIterator<Item = Vec<u32>>) -> Self {
         let (mut starts, mut points) = (vec![0], Vec::new());
         let (mut tasks, mut first) = (Vec::new(), 0);
         for (pose, seen) in poses.into_iter().enumerate() {
@@ -64,40 +62,40 @@ impl CouplingPattern {
     }
 
     /// How many poses.
-    pub fn poses(&self) -> usize {
+    pub(crate) fn poses(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Numbers of the shape.
-    pub fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         self.rows
     }
 
     /// How many blocks there are.
-    pub fn blocks(&self) -> usize {
+    pub(crate) fn blocks(&self) -> usize {
         self.points.len()
     }
 
     /// First numbers of the points that a pose sees.
-    pub fn points(&self, pose: usize) -> &[u32] {
+    pub(crate) fn points(&self, pose: usize) -> &[u32] {
         &self.points[self.starts[pose]..self.starts[pose + 1]]
     }
 }
 
 impl Coupling {
     /// Zeros.
-    pub fn zeros(pattern: Arc<CouplingPattern>) -> Self {
+    pub(crate) fn zeros(pattern: Arc<CouplingPattern>) -> Self {
         let blocks = vec![[[0.0; POSE]; POINT]; pattern.points.len()];
         Coupling { pattern, blocks }
     }
 
     /// Which points each pose sees.
-    pub fn pattern(&self) -> &CouplingPattern {
+    pub(crate) fn pattern(&self) -> &CouplingPattern {
         &self.pattern
     }
 
     /// The blocks, pose after pose, in the order of the pattern's points.
-    pub fn blocks_mut(&mut self) -> &mut [CouplingBlock] {
+    pub(crate) fn blocks_mut(&mut self) -> &mut [CouplingBlock] {
         &mut self.blocks
     }
 
@@ -109,7 +107,7 @@ impl Coupling {
     /// Adds the columns of `W^T` that are a pose's to `out`, column after column, of the shape's numbers in
     /// `rows` only. They begin and end with a point.
     #[inline(always)]
-    pub fn add_columns(&self, pose: usize, rows: Range<usize>, out: &mut [f64]) {
+    pub(crate) fn add_columns(&self, pose: usize, rows: Range<usize>, out: &mut [f64]) {
         let height = rows.len();
         for (at, block) in self.seen(pose).filter(|(at, _)| rows.contains(at)) {
             let at = at - rows.start;
@@ -123,7 +121,7 @@ impl Coupling {
     }
 
     /// `out += W^T x` for every column of `x`.
-    pub fn add_transposed_times(&self, x: &DMatrix<f64>, out: &mut DMatrix<f64>) {
+    pub(crate) fn add_transposed_times(&self, x: &DMatrix<f64>, out: &mut DMatrix<f64>) {
         struct Work<'a>(&'a Coupling, Range<usize>, &'a DMatrix<f64>, &'a mut DMatrix<f64>);
         impl WithSimd for Work<'_> {
             type Output = ();
@@ -163,7 +161,7 @@ impl Coupling {
     }
 
     /// `W s` for every column of `s`.
-    pub fn times(&self, s: &DMatrix<f64>) -> DMatrix<f64> {
+    pub(crate) fn times(&self, s: &DMatrix<f64>) -> DMatrix<f64> {
         struct Work<'a>(&'a Coupling, Range<usize>, &'a DMatrix<f64>, &'a mut DMatrix<f64>);
         impl WithSimd for Work<'_> {
             type Output = ();
@@ -208,7 +206,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A coupling in which poses see some points, one of them twice, and `W^T` as a dense matrix.
-    pub fn example(poses: usize, points: usize) -> (Coupling, DMatrix<f64>) {
+    pub(crate) fn example(poses: usize, points: usize) -> (Coupling, DMatrix<f64>) {
         let sees = |pose: usize| -> Vec<u32> {
             let seen = (0..points).filter(|point| !(pose * 7 + point * 5).is_multiple_of(3));
             let seen = seen.map(|point| (POINT * point) as u32);

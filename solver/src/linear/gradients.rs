@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 /// A positive definite matrix that is only applied, and something close to its inverse.
-pub trait Preconditioned {
+pub(crate) trait Preconditioned {
     /// `A x`
     fn multiply(&mut self, x: &DMatrix<f64>) -> DMatrix<f64>;
 
@@ -12,7 +12,7 @@ pub trait Preconditioned {
 }
 
 /// What conjugate gradients came to.
-pub struct Solution {
+pub(crate) struct Solution {
     /// As far as they came.
     pub x: DMatrix<f64>,
     /// Whether that is as near as was wanted, or as rounding lets it be.
@@ -21,7 +21,7 @@ pub struct Solution {
 
 /// Solves `A x = b`. The columns are solved side by side, each as if it were alone, until the residual in
 /// the norm of `M^-1` is `tolerance` times what it was at zero, with at most `most` products.
-pub fn conjugate_gradients(
+pub(crate) fn conjugate_gradients(
     a: &mut dyn Preconditioned,
     b: DMatrix<f64>,
     tolerance: f64,

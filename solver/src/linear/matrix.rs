@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Which blocks there are, and where their values stand. Positions are places in the elimination
 /// order.
 #[derive(Debug)]
-pub struct Pattern {
+pub(crate) struct Pattern {
     ordering: Ordering,
     position: Vec<usize>,
     /// Size of the block at each position.
@@ -24,7 +24,7 @@ pub struct Pattern {
 
 /// A pattern and its values.
 #[derive(Clone, Debug)]
-pub struct BlockMatrix {
+pub(crate) struct BlockMatrix {
     pattern: Arc<Pattern>,
     values: Vec<f64>,
 }
@@ -40,7 +40,7 @@ impl Deref for BlockMatrix {
 /// Where the values of a block stand: column `c` of a block is contiguous, its row `r` at
 /// [`Place::column_start`]` + r`.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub(crate) struct Place {
     first: usize,
     /// Entries of the first scalar column of the block column; each next one has one fewer.
     height: usize,
@@ -50,14 +50,14 @@ impl Place {
     /// Where row 0 of a column of the block stands. In a diagonal block, rows above the diagonal do
     /// not exist: count on from here only for `row >= column`.
     #[inline(always)]
-    pub fn column_start(self, column: usize) -> usize {
+    pub(crate) fn column_start(self, column: usize) -> usize {
         // Column c of the lower triangle is c entries shorter than the first.
         self.first + column * self.height - column * column.saturating_sub(1) / 2 - column
     }
 }
 
 /// One block column, to be written.
-pub struct ColumnMut<'a> {
+pub(crate) struct ColumnMut<'a> {
     /// Position of the column.
     pub position: usize,
     /// Positions of its blocks, diagonal first, sorted.
@@ -73,7 +73,7 @@ const MOST_IN_TABLE: usize = 8192;
 impl Pattern {
     /// A diagonal block for each of `dims` and a block for each pair that shares a measurement. The
     /// elimination order is the cheapest known.
-    pub fn new(dims: &[usize], pairs: impl IntoIterator<Item = (usize, usize)>) -> Self {
+    pub(crate) fn new(dims: &[usize], pairs: impl IntoIterator<Item = (usize, usize)>) -> Self {
         let neighbours = neighbours(dims.len(), pairs);
         let ordering = ordering::cheapest(dims, &neighbours);
         Self::with_ordering(dims, &neighbours, ordering)
@@ -114,42 +114,42 @@ impl Pattern {
     }
 
     /// Rows and columns.
-    pub fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.starts[self.starts.len() - 1]
     }
 
     /// How many values a matrix of this pattern has.
-    pub fn values(&self) -> usize {
+    pub(crate) fn values(&self) -> usize {
         self.value_starts[self.value_starts.len() - 1]
     }
 
     /// The elimination order and what it costs.
-    pub fn ordering(&self) -> &Ordering {
+    pub(crate) fn ordering(&self) -> &Ordering {
         &self.ordering
     }
 
     /// Position of a block in the elimination order.
-    pub fn position(&self, block: usize) -> usize {
+    pub(crate) fn position(&self, block: usize) -> usize {
         self.position[block]
     }
 
     /// The scalar indices of the block at a position.
-    pub fn range(&self, position: usize) -> std::ops::Range<usize> {
+    pub(crate) fn range(&self, position: usize) -> std::ops::Range<usize> {
         self.starts[position]..self.starts[position + 1]
     }
 
     /// The lower triangle as compressed sparse columns.
-    pub fn symbolic(&self) -> SymbolicSparseColMatRef<'_, usize> {
+    pub(crate) fn symbolic(&self) -> SymbolicSparseColMatRef<'_, usize> {
         self.symbolic.as_ref()
     }
 
     /// For each column its block rows, diagonal first, sorted.
-    pub fn rows(&self) -> &[Vec<usize>] {
+    pub(crate) fn rows(&self) -> &[Vec<usize>] {
         &self.rows
     }
 
     /// Where the values of every block of a column stand, in the order of its rows.
-    pub fn places(&self, column: usize) -> impl Iterator<Item = Place> {
+    pub(crate) fn places(&self, column: usize) -> impl Iterator<Item = Place> {
         let height = self.rows[column].iter().map(|&row| self.dims[row]).sum();
         let first = self.value_starts[column];
         self.rows[column].iter().scan(first, move |next, &row| {
@@ -191,18 +191,18 @@ fn neighbours(n: usize, pairs: impl IntoIterator<Item = (usize, usize)>) -> Vec<
 
 impl BlockMatrix {
     /// A zero matrix of this pattern.
-    pub fn zeros(pattern: Arc<Pattern>) -> Self {
+    pub(crate) fn zeros(pattern: Arc<Pattern>) -> Self {
         let values = vec![0.0; pattern.values()];
         BlockMatrix { pattern, values }
     }
 
     /// All values.
-    pub fn values_mut(&mut self) -> &mut [f64] {
+    pub(crate) fn values_mut(&mut self) -> &mut [f64] {
         &mut self.values
     }
 
     /// Every block column, to be written independently of the others.
-    pub fn columns_mut(&mut self) -> Vec<ColumnMut<'_>> {
+    pub(crate) fn columns_mut(&mut self) -> Vec<ColumnMut<'_>> {
         let Pattern { dims, rows, value_starts, .. } = &*self.pattern;
         let mut left = self.values.as_mut_slice();
         let mut columns = Vec::with_capacity(dims.len());
@@ -217,25 +217,25 @@ impl BlockMatrix {
     }
 
     /// The diagonal, by scalar index.
-    pub fn diagonal(&self) -> Vec<f64> {
+    pub(crate) fn diagonal(&self) -> Vec<f64> {
         let starts = &self.symbolic.col_ptr()[..self.size()];
         starts.iter().map(|&start| self.values[start]).collect()
     }
 
     /// Sets one entry of the diagonal, by scalar index.
-    pub fn set_diagonal(&mut self, index: usize, value: f64) {
+    pub(crate) fn set_diagonal(&mut self, index: usize, value: f64) {
         let at = self.symbolic.col_ptr()[index];
         self.values[at] = value;
     }
 
     /// Copies the values of `other`, which has the same pattern, adding `extra` to the diagonal.
-    pub fn copy_with_diagonal(&mut self, other: &BlockMatrix, extra: &[f64]) {
+    pub(crate) fn copy_with_diagonal(&mut self, other: &BlockMatrix, extra: &[f64]) {
         self.values.copy_from_slice(&other.values);
         self.add_to_diagonal(extra);
     }
 
     /// Adds to the diagonal.
-    pub fn add_to_diagonal(&mut self, extra: &[f64]) {
+    pub(crate) fn add_to_diagonal(&mut self, extra: &[f64]) {
         let BlockMatrix { pattern, values } = self;
         for (start, extra) in pattern.symbolic.col_ptr().iter().zip(extra) {
             values[*start] += extra;
@@ -243,7 +243,7 @@ impl BlockMatrix {
     }
 
     /// Every entry of the lower triangle: row, column, value.
-    pub fn for_each_entry(&self, mut give: impl FnMut(usize, usize, f64)) {
+    pub(crate) fn for_each_entry(&self, mut give: impl FnMut(usize, usize, f64)) {
         let (starts, rows) = (self.symbolic.col_ptr(), self.symbolic.row_idx());
         for column in 0..self.size() {
             for at in starts[column]..starts[column + 1] {
@@ -253,12 +253,12 @@ impl BlockMatrix {
     }
 
     /// The lower triangle as compressed sparse columns.
-    pub fn lower(&self) -> SparseColMatRef<'_, usize, f64> {
+    pub(crate) fn lower(&self) -> SparseColMatRef<'_, usize, f64> {
         SparseColMatRef::new(self.symbolic.as_ref(), &self.values)
     }
 
     /// `self * x` for the whole symmetric matrix.
-    pub fn multiply(&self, x: &[f64]) -> Vec<f64> {
+    pub(crate) fn multiply(&self, x: &[f64]) -> Vec<f64> {
         let mut product = vec![0.0; x.len()];
         let (starts, rows) = (self.symbolic.col_ptr(), self.symbolic.row_idx());
         for column in 0..self.size() {
@@ -276,12 +276,12 @@ impl BlockMatrix {
 
 impl ColumnMut<'_> {
     /// Sets everything to zero.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.values.fill(0.0);
     }
 
     /// A writer for each block of the column, in the order of `rows`.
-    pub fn for_each_block(&mut self, mut write: impl FnMut(usize, &mut BlockMut<'_>)) {
+    pub(crate) fn for_each_block(&mut self, mut write: impl FnMut(usize, &mut BlockMut<'_>)) {
         let mut offset = 0;
         for &row in self.rows {
             let mut block =
@@ -293,7 +293,7 @@ impl ColumnMut<'_> {
 }
 
 /// One block, to be written.
-pub struct BlockMut<'a> {
+pub(crate) struct BlockMut<'a> {
     values: &'a mut [f64],
     height: usize,
     offset: usize,
@@ -303,7 +303,7 @@ pub struct BlockMut<'a> {
 impl BlockMut<'_> {
     /// Adds `value` at a row and column of the block; above the diagonal it is left out.
     #[inline]
-    pub fn add(&mut self, row: usize, column: usize, value: f64) {
+    pub(crate) fn add(&mut self, row: usize, column: usize, value: f64) {
         if self.diagonal && row < column {
             return;
         }

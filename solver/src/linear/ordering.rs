@@ -6,41 +6,42 @@ use faer::sparse::linalg::amd;
 
 /// An elimination order and what it costs.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ordering {
+pub(crate) struct Ordering {
     /// The block at each position.
     pub order: Vec<usize>,
     /// Multiplications and additions of one factorisation.
     pub flops: f64,
-    /// Which rule it follows.
-    pub rule: Rule,
+    /// Which elimination it follows.
+    pub elimination: Elimination,
 }
 
-/// How an order is found.
+/// How the unknowns of a system are eliminated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Rule {
-    /// As the blocks were declared.
+pub enum Elimination {
+    /// Sparse, the blocks in the order in which they were declared.
     AsDeclared,
-    /// Approximate minimum degree on the graph of the blocks.
+    /// Sparse, by approximate minimum degree on the graph of the blocks.
     MinimumDegree,
-    /// Frames by the innovations of what image points see of them, then shapes and the rest, dense.
-    FramesFirst,
-    /// Each body with its shape, then observers and the rest by conjugate gradients.
-    BodiesApart,
+    /// Observers and bodies along time, by the innovations of what image points see of them; then the shapes of
+    /// all bodies jointly, with the rest, as one dense system.
+    JointBodies,
+    /// Each body along time with its shape, separately; then observers and the rest by conjugate gradients.
+    SeparateBodies,
 }
 
 /// The cheaper of the declared order and approximate minimum degree, by counted operations.
 ///
 /// `dims` are the sizes of the blocks; `neighbours[a]` lists every block that shares a measurement
 /// with `a`, sorted, without `a` itself.
-pub fn cheapest(dims: &[usize], neighbours: &[Vec<usize>]) -> Ordering {
-    let count = |order: Vec<usize>, rule| {
+pub(crate) fn cheapest(dims: &[usize], neighbours: &[Vec<usize>]) -> Ordering {
+    let count = |order: Vec<usize>, elimination| {
         let flops = factorisation_flops(dims, neighbours, &order);
-        Ordering { order, flops, rule }
+        Ordering { order, flops, elimination }
     };
-    let declared = count((0..dims.len()).collect(), Rule::AsDeclared);
+    let declared = count((0..dims.len()).collect(), Elimination::AsDeclared);
     match minimum_degree(neighbours) {
         Some(order) => {
-            let degree = count(order, Rule::MinimumDegree);
+            let degree = count(order, Elimination::MinimumDegree);
             if degree.flops < declared.flops { degree } else { declared }
         }
         None => declared,
@@ -72,7 +73,7 @@ fn minimum_degree(neighbours: &[Vec<usize>]) -> Option<Vec<usize>> {
 
 /// Operations of a Cholesky factorisation in this order, from its exact fill: the column of a block
 /// of size `d` with `h` rows below and in it costs about `d h^2`.
-pub fn factorisation_flops(dims: &[usize], neighbours: &[Vec<usize>], order: &[usize]) -> f64 {
+pub(crate) fn factorisation_flops(dims: &[usize], neighbours: &[Vec<usize>], order: &[usize]) -> f64 {
     let mut position = vec![0; order.len()];
     for (at, &block) in order.iter().enumerate() {
         position[block] = at;
@@ -143,14 +144,14 @@ mod tests {
         let edges: Vec<_> = (1..30).map(|leaf| (0, leaf)).collect();
         let neighbours = graph(30, &edges);
         let found = cheapest(&[3; 30], &neighbours);
-        assert_eq!(found.rule, Rule::MinimumDegree);
+        assert_eq!(found.elimination, Elimination::MinimumDegree);
         assert_eq!(found.flops, 29.0 * 3.0 * 36.0 + 3.0 * 9.0);
     }
 
     #[test]
     fn a_chain_stays_as_it_is() {
         let edges: Vec<_> = (1..30).map(|next| (next - 1, next)).collect();
-        assert_eq!(cheapest(&[6; 30], &graph(30, &edges)).rule, Rule::AsDeclared);
+        assert_eq!(cheapest(&[6; 30], &graph(30, &edges)).elimination, Elimination::AsDeclared);
     }
 
     #[test]

@@ -14,18 +14,17 @@
 
 use super::cholesky::Singular;
 use super::coupling::Coupling;
+use super::small::{POSE, axpy};
 use super::tiles::TiledCholesky;
 use nalgebra::{DMatrix, Matrix6};
 use pulp::{Arch, Simd, WithSimd};
 
-/// Numbers that move a pose.
-pub const POSE: usize = 6;
 /// Steps whose columns are collected before the border is updated.
 const PANEL_STEPS: usize = 64;
 
 /// A symmetric block band matrix, lower triangle, or its factor.
 #[derive(Clone, Debug)]
-pub struct PoseChain {
+pub(crate) struct PoseChain {
     band: usize,
     /// `blocks[t * (band + 1) + k]`: row step `t + k`, column step `t`.
     blocks: Vec<Matrix6<f64>>,
@@ -33,42 +32,42 @@ pub struct PoseChain {
 
 impl PoseChain {
     /// Zeros.
-    pub fn new(steps: usize, band: usize) -> Self {
+    pub(crate) fn new(steps: usize, band: usize) -> Self {
         PoseChain { band, blocks: vec![Matrix6::zeros(); steps * (band + 1)] }
     }
 
     /// How many steps.
-    pub fn steps(&self) -> usize {
+    pub(crate) fn steps(&self) -> usize {
         self.blocks.len() / (self.band + 1)
     }
 
     /// To how many next steps a step is coupled at the most.
-    pub fn band(&self) -> usize {
+    pub(crate) fn band(&self) -> usize {
         self.band
     }
 
     /// Unknowns.
-    pub fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         POSE * self.steps()
     }
 
     /// Sets everything to zero.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.blocks.fill(Matrix6::zeros());
     }
 
     /// Takes the values of another chain of the same shape.
-    pub fn copy_from(&mut self, other: &PoseChain) {
+    pub(crate) fn copy_from(&mut self, other: &PoseChain) {
         self.blocks.copy_from_slice(&other.blocks);
     }
 
     /// The block at row step `column + k`.
-    pub fn block(&self, column: usize, k: usize) -> &Matrix6<f64> {
+    pub(crate) fn block(&self, column: usize, k: usize) -> &Matrix6<f64> {
         &self.blocks[column * (self.band + 1) + k]
     }
 
     /// The block at row step `column + k`. Of diagonal blocks both triangles are kept.
-    pub fn block_mut(&mut self, column: usize, k: usize) -> &mut Matrix6<f64> {
+    pub(crate) fn block_mut(&mut self, column: usize, k: usize) -> &mut Matrix6<f64> {
         &mut self.blocks[column * (self.band + 1) + k]
     }
 
@@ -78,7 +77,7 @@ impl PoseChain {
     }
 
     /// Replaces the matrix by its factor `L`.
-    pub fn factorise(&mut self) -> Result<(), Singular> {
+    pub(crate) fn factorise(&mut self) -> Result<(), Singular> {
         for t in 0..self.steps() {
             let below = self.below(t);
             for j in 1..=self.band.min(t) {
@@ -103,7 +102,7 @@ impl PoseChain {
     }
 
     /// Solves `H x = b` in place for the columns of `b`, after the factorisation.
-    pub fn solve(&self, b: &mut DMatrix<f64>) {
+    pub(crate) fn solve(&self, b: &mut DMatrix<f64>) {
         for mut column in b.column_iter_mut() {
             let x = column.as_mut_slice().as_chunks_mut::<POSE>().0;
             for t in 0..x.len() {
@@ -124,7 +123,7 @@ impl PoseChain {
     }
 
     /// `H x`, before the factorisation.
-    pub fn multiply(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
+    pub(crate) fn multiply(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
         let mut product = DMatrix::zeros(x.nrows(), x.ncols());
         for (x, mut out) in x.column_iter().zip(product.column_iter_mut()) {
             let x = x.as_slice().as_chunks::<POSE>().0;
@@ -141,7 +140,7 @@ impl PoseChain {
     }
 
     /// Subtracts `W^T H^-1 W` from the lower triangle of `border`, after the factorisation.
-    pub fn reduce(&self, coupling: &Coupling, border: &mut TiledCholesky) {
+    pub(crate) fn reduce(&self, coupling: &Coupling, border: &mut TiledCholesky) {
         let m = border.size();
         if m == 0 {
             return;
@@ -204,27 +203,6 @@ impl WithSimd for Panel<'_> {
             }
         }
     }
-}
-
-/// `y += a x`
-#[inline(always)]
-pub fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
-    y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
-}
-
-/// In eight sums, so that the order is that of no particular vector width.
-#[inline(always)]
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    const LANES: usize = 8;
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.iter().zip(b) {
-        for i in 0..LANES {
-            sums[i] += a[i] * b[i];
-        }
-    }
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    sums.iter().sum::<f64>() + rest
 }
 
 #[inline(always)]

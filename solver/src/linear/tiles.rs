@@ -9,8 +9,7 @@
 //! A tile is the work of one thread, so that sums do not depend on how many there are.
 
 use super::cholesky::{Singular, TooLarge, kernel_threads};
-use super::coupling::POINT;
-use super::pose_chain::{axpy, dot};
+use super::small::{POINT, axpy, dot};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::matmul::matmul;
@@ -27,14 +26,14 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Rows of a tile: whole points, and whole columns of the matrix kernels.
-pub const TILE: usize = 80 * POINT;
+pub(crate) const TILE: usize = 80 * POINT;
 /// Operations from which they are shared out.
 const SHARED_FLOPS: f64 = 2e7;
 /// Right-hand sides that one task solves for.
 const TASK_SIDES: usize = 64;
 
 /// A symmetric matrix, or its factor, on threads of its own (see [`super::cholesky::Cholesky`]).
-pub struct TiledCholesky {
+pub(crate) struct TiledCholesky {
     n: usize,
     /// Row by row: 00, 10, 11, 20, ...
     tiles: Vec<DMatrix<f64>>,
@@ -69,13 +68,13 @@ fn subtract_product(out: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>
 
 impl TiledCholesky {
     /// Room for a matrix of `n` rows, to be made and factorised in `flops` operations.
-    pub fn new(n: usize, flops: f64) -> Result<Self, TooLarge> {
+    pub(crate) fn new(n: usize, flops: f64) -> Result<Self, TooLarge> {
         let count = if flops > SHARED_FLOPS { rayon::current_num_threads() } else { 1 };
         TiledCholesky::on_threads(n, kernel_threads(count)?)
     }
 
     /// Room for a matrix of `n` rows on these threads.
-    pub fn on_threads(n: usize, threads: Arc<ThreadPool>) -> Result<Self, TooLarge> {
+    pub(crate) fn on_threads(n: usize, threads: Arc<ThreadPool>) -> Result<Self, TooLarge> {
         let size = |tile: usize| TILE.min(n - tile * TILE);
         let mut tiles = Vec::new();
         for (i, j) in places(n.div_ceil(TILE)) {
@@ -94,28 +93,29 @@ impl TiledCholesky {
     }
 
     /// Rows.
-    pub fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.n
     }
 
     /// Sets everything to zero.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.tiles.iter_mut().for_each(|tile| tile.fill(0.0));
     }
 
     /// An entry of the lower triangle.
-    pub fn entry(&self, row: usize, column: usize) -> f64 {
+    #[cfg(test)]
+    pub(crate) fn entry(&self, row: usize, column: usize) -> f64 {
         self.tiles[index(row / TILE, column / TILE)][(row % TILE, column % TILE)]
     }
 
     /// The same, to be written, before the factorisation.
-    pub fn entry_mut(&mut self, row: usize, column: usize) -> &mut f64 {
+    pub(crate) fn entry_mut(&mut self, row: usize, column: usize) -> &mut f64 {
         &mut self.tiles[index(row / TILE, column / TILE)][(row % TILE, column % TILE)]
     }
 
     /// Subtracts `P P^T` from the leading part of the matrix, where `P` has so many columns and comes in
     /// pieces of [`TILE`] rows, the last one shorter.
-    pub fn subtract_pieces(&mut self, pieces: &[Vec<f64>], columns: usize) {
+    pub(crate) fn subtract_pieces(&mut self, pieces: &[Vec<f64>], columns: usize) {
         let piece = |piece: &Vec<f64>| piece.len() / columns;
         let pieces =
             pieces.iter().map(|p| MatRef::from_column_major_slice(p, piece(p), columns)).collect::<Vec<_>>();
@@ -123,7 +123,7 @@ impl TiledCholesky {
     }
 
     /// The same for a `P` of all rows in one piece.
-    pub fn subtract_whole(&mut self, panel: &[f64], columns: usize) {
+    pub(crate) fn subtract_whole(&mut self, panel: &[f64], columns: usize) {
         let n = self.n;
         let panel = MatRef::from_column_major_slice(panel, n, columns);
         let piece = |first: usize| panel.subrows(first, TILE.min(n - first));
@@ -143,7 +143,7 @@ impl TiledCholesky {
     }
 
     /// Replaces the matrix by its factor.
-    pub fn factorise(&mut self) -> Result<(), Singular> {
+    pub(crate) fn factorise(&mut self) -> Result<(), Singular> {
         let count = self.count();
         let TiledCholesky { tiles, workspace, threads, .. } = self;
         threads.install(|| {
@@ -182,7 +182,7 @@ impl TiledCholesky {
     }
 
     /// Solves for the columns of `b` in place, after the factorisation.
-    pub fn solve(&self, b: &mut DMatrix<f64>) {
+    pub(crate) fn solve(&self, b: &mut DMatrix<f64>) {
         if self.n == 0 {
             return;
         }
@@ -220,7 +220,7 @@ impl TiledCholesky {
     }
 
     /// The same for few columns, on this thread.
-    pub fn solve_here(&self, b: &mut DMatrix<f64>) {
+    pub(crate) fn solve_here(&self, b: &mut DMatrix<f64>) {
         struct Work<'a>(&'a TiledCholesky, &'a mut [f64]);
         impl WithSimd for Work<'_> {
             type Output = ();
@@ -272,14 +272,14 @@ impl TiledCholesky {
     }
 
     /// The inverse of the matrix, after the factorisation.
-    pub fn inverse(&self) -> DMatrix<f64> {
+    pub(crate) fn inverse(&self) -> DMatrix<f64> {
         let mut inverse = DMatrix::identity(self.n, self.n);
         self.solve(&mut inverse);
         inverse
     }
 
     /// `A B` on the threads of this factor, for a `B` of so many columns that comes in pieces of rows.
-    pub fn product(&self, a: &DMatrix<f64>, pieces: &[&[f64]], columns: usize) -> DMatrix<f64> {
+    pub(crate) fn product(&self, a: &DMatrix<f64>, pieces: &[&[f64]], columns: usize) -> DMatrix<f64> {
         const ROWS: usize = 128;
         let mut product = DMatrix::zeros(a.nrows(), columns);
         if columns == 0 {

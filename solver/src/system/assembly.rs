@@ -3,8 +3,9 @@
 //! Every block of the normal matrix knows beforehand which measurements contribute to it and sums
 //! them in their order: no lock, no race, the same sum on any number of threads.
 
-use super::group::{AnyGroup, Linear};
-use super::{BlockId, System};
+use super::accumulators::Linear;
+use super::group::AnyGroup;
+use super::layout::{BlockId, Layout};
 use crate::linear::matrix::{BlockMatrix, Pattern};
 use crate::manifold::MAX_TANGENT;
 use rayon::prelude::*;
@@ -32,7 +33,7 @@ pub(super) struct Gather {
 
 impl Gather {
     /// For the measurements that are not taken care of elsewhere.
-    pub fn new(
+    pub(super) fn new(
         matrix: &Pattern,
         groups: &[Box<dyn AnyGroup>],
         position: &[Option<usize>],
@@ -98,12 +99,12 @@ impl Gather {
     }
 
     /// Whether any measurement of a group contributes.
-    pub fn takes_part(&self, group: usize) -> bool {
+    pub(super) fn takes_part(&self, group: usize) -> bool {
         self.takes_part[group]
     }
 
     /// Sums the normal matrix and the gradient.
-    pub fn assemble(&self, linear: &[Option<Linear>], matrix: &mut BlockMatrix, gradient: &mut [f64]) {
+    pub(super) fn assemble(&self, linear: &[Option<Linear>], matrix: &mut BlockMatrix, gradient: &mut [f64]) {
         let dims: Vec<usize> = (0..matrix.rows().len()).map(|p| matrix.range(p).len()).collect();
         let gradients = split_by(gradient, &dims);
         matrix.columns_mut().into_par_iter().zip(gradients).for_each(|(mut column, gradient)| {
@@ -144,14 +145,18 @@ impl Gather {
     }
 
     /// `J^T z` of one group.
-    pub fn transposed_product(&self, group: usize, linear: &Linear, z: &[f64], system: &System) -> Vec<f64> {
-        let group = &system.groups[group];
+    pub(super) fn transposed_product(
+        group: &dyn AnyGroup,
+        linear: &Linear,
+        z: &[f64],
+        layout: &Layout,
+    ) -> Vec<f64> {
         let starts = group.column_starts();
-        let mut product = vec![0.0; system.size()];
+        let mut product = vec![0.0; layout.size()];
         for item in 0..group.len() {
             let z = &z[item * linear.rows..][..linear.rows];
             for (block, start) in group.blocks(item).iter().zip(&starts) {
-                let Some(range) = system.range_of(*block) else { continue };
+                let Some(range) = layout.range_of(*block) else { continue };
                 let columns = &linear.jacobians[(item * linear.columns + start) * linear.rows..];
                 for (out, column) in product[range].iter_mut().zip(columns.chunks_exact(linear.rows)) {
                     *out += dot(column, z);
@@ -163,11 +168,6 @@ impl Gather {
 }
 
 impl Linear {
-    /// The Jacobian of an item by some of its columns, column after column.
-    pub(super) fn columns(&self, item: usize, start: usize, count: usize) -> &[f64] {
-        &self.jacobians[(item * self.columns + start) * self.rows..][..count * self.rows]
-    }
-
     fn columns_of(&self, share: &Share, start: u8, count: usize) -> &[f64] {
         let first = share.item as usize * self.columns + start as usize;
         &self.jacobians[first * self.rows..][..count * self.rows]

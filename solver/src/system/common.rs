@@ -10,93 +10,20 @@
 //!
 //! The inverse is that of `H` and, with `X = [-U; 1]`, the product `X S^-1 X^T`.
 
-use super::group::AnyGroup;
-use super::{Block, BlockId, Normal, System, Values};
+use super::accumulators::CommonLinear;
+use super::group::State;
 use crate::linear::cholesky::Singular;
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, Dyn};
 
-/// Which blocks they are, and where each begins among them.
-#[derive(Default)]
-pub(super) struct Common {
-    blocks: Vec<usize>,
-    starts: Vec<usize>,
-    size: usize,
-}
-
-/// The common unknowns of a linearisation.
-#[derive(Clone)]
-pub(super) struct CommonLinear {
-    /// `C`: rows in elimination order.
-    pub coupling: DMatrix<f64>,
-    /// `D`.
-    pub own: DMatrix<f64>,
-    /// Their gradient.
-    pub gradient: DVector<f64>,
-}
-
-impl CommonLinear {
-    fn zeros(others: usize, common: usize) -> Self {
-        CommonLinear {
-            coupling: DMatrix::zeros(others, common),
-            own: DMatrix::zeros(common, common),
-            gradient: DVector::zeros(common),
-        }
-    }
-}
-
-impl Common {
-    /// Those of `declared` that are adjusted.
-    pub fn new(declared: &[BlockId], blocks: &[Block]) -> Self {
-        let mut common = Common::default();
-        for block in declared.iter().filter(|block| blocks[block.0].is_free()) {
-            common.blocks.push(block.0);
-            common.starts.push(common.size);
-            common.size += blocks[block.0].manifold.tangent();
-        }
-        common
-    }
-
-    /// How many numbers perturb them.
-    pub fn size(&self) -> usize {
-        self.size
-    }
-
-    /// Whether a block is one of them.
-    pub fn has(&self, block: usize) -> bool {
-        self.blocks.contains(&block)
-    }
-
-    /// The blocks, and where each begins.
-    pub fn places(&self) -> impl Iterator<Item = (usize, usize)> {
-        self.blocks.iter().copied().zip(self.starts.iter().copied())
-    }
-
-    /// Where a block begins.
-    pub fn start_of(&self, block: usize) -> Option<usize> {
-        self.blocks.iter().position(|b| *b == block).map(|at| self.starts[at])
-    }
-
-    /// Room for a linearisation.
-    pub fn linear(&self, others: usize) -> CommonLinear {
-        CommonLinear::zeros(others, self.size)
-    }
-
-    /// Sums what all measurements that see one of them say.
-    pub fn linearise(
-        &self,
-        system: &System,
-        values: &Values,
-        least_flatness: f64,
-        linear: &mut CommonLinear,
-    ) {
-        *linear = self.linear(system.pattern.size());
-        let groups: &[Box<dyn AnyGroup>] = &system.groups;
-        groups.iter().for_each(|group| group.add_common(system, values, least_flatness, linear));
-        for (block, start) in self.places() {
-            for (component, free) in system.blocks[block].free().iter().enumerate() {
-                if !free {
-                    linear.own[(start + component, start + component)] = 1.0;
-                }
+/// Sums what all measurements that see a common unknown say.
+pub(super) fn linearise(state: &State<'_>, linear: &mut CommonLinear) {
+    let State { layout, groups, values, curvature } = *state;
+    *linear = CommonLinear::zeros(layout.others, layout.common.size());
+    groups.iter().for_each(|group| group.add_common(layout, values, curvature.least_flatness, linear));
+    for (block, start) in layout.common.places() {
+        for (component, free) in layout.blocks[block].free().iter().enumerate() {
+            if !free {
+                linear.own[(start + component, start + component)] = 1.0;
             }
         }
     }
@@ -104,7 +31,7 @@ impl Common {
 
 /// The factors of the common unknowns.
 #[derive(Default)]
-pub struct CommonFactor {
+pub(super) struct CommonFactor {
     /// `U`
     solved: DMatrix<f64>,
     /// Of `S`.
@@ -115,11 +42,10 @@ impl CommonFactor {
     /// From `C`, and `C` solved with the factors of the others.
     pub(super) fn factorise(
         &mut self,
-        normal: &Normal,
+        linear: &CommonLinear,
         solved: DMatrix<f64>,
         extra: &[f64],
     ) -> Result<(), Singular> {
-        let linear = &normal.common;
         let mut reduced = &linear.own - linear.coupling.tr_mul(&solved);
         for (at, extra) in extra.iter().enumerate() {
             reduced[(at, at)] += extra;
@@ -131,9 +57,9 @@ impl CommonFactor {
     }
 
     /// From `H^-1 a` and `b`, in place: the solution.
-    pub(super) fn finish(&self, normal: &Normal, others: &mut DMatrix<f64>, common: &mut DMatrix<f64>) {
+    pub(super) fn finish(&self, linear: &CommonLinear, others: &mut DMatrix<f64>, common: &mut DMatrix<f64>) {
         let Some(cholesky) = &self.cholesky else { return };
-        *common -= normal.common.coupling.tr_mul(others);
+        *common -= linear.coupling.tr_mul(others);
         cholesky.solve_mut(common);
         others.gemm(-1.0, &self.solved, common, 1.0);
     }

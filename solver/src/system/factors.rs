@@ -1,7 +1,10 @@
 //! The factors of the normal matrix, whichever way it is eliminated.
 
 use super::common::CommonFactor;
-use super::{Accuracy, FramesFactor, Normal, System};
+use super::frames::Frames;
+use super::frames_factor::{Accuracy, FramesFactor};
+use super::least_squares::System;
+use super::normal::Normal;
 use crate::linear::cholesky::{Cholesky, Singular, TooLarge};
 use crate::linear::matrix::BlockMatrix;
 use nalgebra::DMatrix;
@@ -29,11 +32,11 @@ impl Factors {
     /// Room for the factors of a system; what depends on its structure alone is done here.
     pub fn new(system: &System) -> Result<Self, TooLarge> {
         let common = CommonFactor::default();
-        if system.has_frames() {
-            return Ok(Factors { kind: Kind::Frames(Box::new(system.frames_factor()?)), common });
+        if let Some(frames) = &system.frames {
+            return Ok(Factors { kind: Kind::Frames(Box::new(FramesFactor::new(frames)?)), common });
         }
-        let cholesky = Box::new(Cholesky::analyse(system.pattern())?);
-        let damped = (!system.has_leaves()).then(|| BlockMatrix::zeros(system.pattern.clone()));
+        let cholesky = Box::new(Cholesky::analyse(&system.pattern)?);
+        let damped = (!system.has_eliminated_blocks()).then(|| BlockMatrix::zeros(system.pattern.clone()));
         Ok(Factors { kind: Kind::Sparse { damped, cholesky }, common })
     }
 
@@ -49,12 +52,12 @@ impl Factors {
                 normal.matrix.add_to_diagonal(extra);
                 cholesky.factorise(&normal.matrix)?;
             }
-            Kind::Frames(factor) => system.factorise_frames(normal, extra, factor)?,
+            Kind::Frames(factor) => factor.factorise(frames_of(system), normal, extra)?,
         }
-        if system.common.size() > 0 {
+        if system.layout.common.size() > 0 {
             let mut solved = normal.common.coupling.clone();
             self.kind.solve(system, normal, Accuracy::Exact, solved.as_mut_slice());
-            self.common.factorise(normal, solved, of_common)?;
+            self.common.factorise(&normal.common, solved, of_common)?;
         }
         Ok(())
     }
@@ -69,7 +72,9 @@ impl Factors {
         b: &mut [f64],
     ) -> Result<(), Singular> {
         match (&mut self.kind, accuracy, &system.frames) {
-            (Kind::Frames(factor), Accuracy::Share(share), Some(frames)) if system.common.size() == 0 => {
+            (Kind::Frames(factor), Accuracy::Share(share), Some(frames))
+                if system.layout.common.size() == 0 =>
+            {
                 factor.step(frames, normal, extra, share, b)
             }
             _ => {
@@ -90,7 +95,7 @@ impl Factors {
 
     /// Solves for right-hand sides in elimination order, in place.
     pub fn solve(&mut self, system: &System, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
-        let (n, k) = (system.pattern.size(), system.common.size());
+        let (n, k) = (system.pattern.size(), system.layout.common.size());
         if k == 0 {
             return self.kind.solve(system, normal, accuracy, b);
         }
@@ -98,7 +103,7 @@ impl Factors {
         let whole = DMatrix::from_column_slice(n + k, sides, b);
         let (mut others, mut common) = (whole.rows(0, n).into_owned(), whole.rows(n, k).into_owned());
         self.kind.solve(system, normal, accuracy, others.as_mut_slice());
-        self.common.finish(normal, &mut others, &mut common);
+        self.common.finish(&normal.common, &mut others, &mut common);
         for (side, b) in b.chunks_exact_mut(n + k).enumerate() {
             b[..n].copy_from_slice(others.column(side).as_slice());
             b[n..].copy_from_slice(common.column(side).as_slice());
@@ -110,7 +115,11 @@ impl Kind {
     fn solve(&mut self, system: &System, normal: &Normal, accuracy: Accuracy, b: &mut [f64]) {
         match self {
             Kind::Sparse { cholesky, .. } => cholesky.solve(b),
-            Kind::Frames(factor) => system.solve_frames(normal, factor, accuracy, b),
+            Kind::Frames(factor) => factor.solve(frames_of(system), normal, accuracy, b),
         }
     }
+}
+
+fn frames_of(system: &System) -> &Frames {
+    system.frames.as_ref().expect("poses are eliminated along time")
 }

@@ -1,11 +1,9 @@
 //! Measurements of one kind under one loss.
 
-use super::common::CommonLinear;
-use super::frames::Moment;
-use super::leaves::{Entry, Local, Part};
-use super::{BlockId, Cost, System, Values};
-use crate::linear::coupling::POINT;
-use crate::linear::pose_chain::POSE;
+use super::accumulators::{CommonLinear, Entry, Linear, Local, Moment, Part};
+use super::layout::{BlockId, Layout, Values};
+use super::model::{Cost, Curvature};
+use crate::linear::small::{POINT, POSE};
 use crate::loss::Loss;
 use crate::manifold::MAX_TANGENT;
 use crate::residual::{Jacobian, Residual};
@@ -40,16 +38,6 @@ pub(super) struct Group<R, const ROWS: usize, const BLOCKS: usize> {
     pub measurements: Vec<Measurement<R, ROWS, BLOCKS>>,
 }
 
-/// Whitened, weighted residuals and Jacobians of a group, measurement after measurement. Of a
-/// Jacobian each column is contiguous.
-#[derive(Clone, Debug)]
-pub(super) struct Linear {
-    pub rows: usize,
-    pub columns: usize,
-    pub residuals: Vec<f64>,
-    pub jacobians: Vec<f64>,
-}
-
 /// A whitened, weighted residual, and what makes its Jacobian so.
 struct Weighed<const ROWS: usize> {
     residual: SVector<f64, ROWS>,
@@ -76,22 +64,22 @@ pub(super) trait AnyGroup: Send + Sync {
     fn set_loss(&mut self, loss: Loss);
     fn set_sigma_factor(&mut self, factor: f64);
     fn sigma_factor(&self) -> f64;
-    fn cost(&self, system: &System, values: &Values) -> Cost;
-    fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>>;
-    fn residuals(&self, system: &System, values: &Values) -> Vec<Option<Vec<f64>>>;
+    fn cost(&self, layout: &Layout, values: &Values) -> Cost;
+    fn squared_norms(&self, layout: &Layout, values: &Values) -> Vec<Option<f64>>;
+    fn residuals(&self, layout: &Layout, values: &Values) -> Vec<Option<Vec<f64>>>;
     fn linear(&self) -> Linear;
     /// Adds what measurements say of the unknowns that are common to all.
-    fn add_common(&self, system: &System, values: &Values, least_flatness: f64, sums: &mut CommonLinear);
+    fn add_common(&self, layout: &Layout, values: &Values, least_flatness: f64, sums: &mut CommonLinear);
     /// Adds `J^T J` by each block alone to its sum.
-    fn add_own(&self, system: &System, values: &Values, sums: &mut [DMatrix<f64>]);
+    fn add_own(&self, layout: &Layout, values: &Values, sums: &mut [DMatrix<f64>]);
     /// `J x`, whitened and weighted, row by row.
-    fn product(&self, system: &System, values: &Values, x: &[f64]) -> Vec<f64>;
-    fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear);
+    fn product(&self, layout: &Layout, values: &Values, x: &[f64]) -> Vec<f64>;
+    fn linearise(&self, layout: &Layout, values: &Values, least_flatness: f64, linear: &mut Linear);
     /// Adds image points of a body at a moment: observer, body and point are their first blocks.
     fn add_to_moment(
         &self,
         items: &[(u32, u32)],
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         moment: &mut Moment<'_>,
@@ -101,11 +89,20 @@ pub(super) trait AnyGroup: Send + Sync {
         &self,
         items: &[(u32, u32)],
         leaf: usize,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         local: &mut Local,
     );
+}
+
+/// A system at some values, to be linearised with some curvature.
+#[derive(Clone, Copy)]
+pub(super) struct State<'a> {
+    pub layout: &'a Layout,
+    pub groups: &'a [Box<dyn AnyGroup>],
+    pub values: &'a Values,
+    pub curvature: Curvature,
 }
 
 impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
@@ -118,11 +115,11 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     fn whitened(
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         jacobian: Option<&mut Jacobian<ROWS, BLOCKS>>,
     ) -> Option<SVector<f64, ROWS>> {
-        let x = measurement.blocks.map(|block| system.value(values, block));
+        let x = measurement.blocks.map(|block| layout.value(values, block));
         let mut residual = measurement.residual.evaluate(&x, jacobian)?;
         for (value, sigma) in residual.iter_mut().zip(measurement.sigma) {
             *value /= sigma * self.sigma_factor;
@@ -139,12 +136,12 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     fn weighed(
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         jacobian: &mut Jacobian<ROWS, BLOCKS>,
     ) -> Option<Weighed<ROWS>> {
-        let residual = self.whitened(measurement, system, values, Some(jacobian))?;
+        let residual = self.whitened(measurement, layout, values, Some(jacobian))?;
         let squared = residual.norm_squared();
         let root = match self.loss {
             Loss::Squared => 1.0,
@@ -163,7 +160,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     fn linearise_one(
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         residual_out: &mut [f64],
@@ -172,13 +169,13 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
         residual_out.fill(0.0);
         jacobian_out.fill(0.0);
         let mut jacobian = Jacobian::zeros();
-        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
+        let Some(weighed) = self.weighed(measurement, layout, values, least_flatness, &mut jacobian) else {
             return;
         };
         residual_out.copy_from_slice(weighed.residual.as_slice());
         let mut columns = jacobian_out.chunks_exact_mut(ROWS);
         for (block, manifold) in R::MANIFOLDS.iter().enumerate() {
-            let free = system.free(measurement.blocks[block]);
+            let free = layout.free(measurement.blocks[block]);
             for (column, free) in (0..manifold.tangent()).zip(free) {
                 let out = columns.next().expect("one column a perturbation");
                 if *free {
@@ -193,34 +190,34 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     fn add_one_to_common(
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         sums: &mut CommonLinear,
     ) {
         let mut jacobian = Jacobian::zeros();
-        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
+        let Some(weighed) = self.weighed(measurement, layout, values, least_flatness, &mut jacobian) else {
             return;
         };
         for (block, jacobian) in measurement.blocks.iter().zip(&mut jacobian.0) {
-            for (column, free) in system.free(*block).iter().enumerate() {
+            for (column, free) in layout.free(*block).iter().enumerate() {
                 let whitened =
                     if *free { weighed.column(jacobian, column) } else { SVector::<f64, ROWS>::zeros() };
                 jacobian.set_column(column, &whitened);
             }
         }
         for (common, by_common) in measurement.blocks.iter().zip(&jacobian.0) {
-            let Some(at) = system.common.start_of(common.0) else { continue };
-            for column in 0..system.free(*common).len() {
+            let Some(at) = layout.common.start_of(common.0) else { continue };
+            for column in 0..layout.free(*common).len() {
                 let own = by_common.column(column);
                 sums.gradient[at + column] += own.dot(&weighed.residual);
                 for (block, jacobian) in measurement.blocks.iter().zip(&jacobian.0) {
-                    let width = system.free(*block).len();
-                    if let Some(start) = system.common.start_of(block.0) {
+                    let width = layout.free(*block).len();
+                    if let Some(start) = layout.common.start_of(block.0) {
                         for i in 0..width {
                             sums.own[(start + i, at + column)] += jacobian.column(i).dot(&own);
                         }
-                    } else if let Some(range) = system.range_of(*block) {
+                    } else if let Some(range) = layout.range_of(*block) {
                         for i in 0..width {
                             sums.coupling[(range.start + i, at + column)] += jacobian.column(i).dot(&own);
                         }
@@ -235,20 +232,20 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
         leaf: usize,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         local: &mut Local,
     ) {
         let mut jacobian = Jacobian::zeros();
-        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
+        let Some(weighed) = self.weighed(measurement, layout, values, least_flatness, &mut jacobian) else {
             return;
         };
         let row = local.residuals.len();
         let (first_part, mut width) = (local.parts.len(), 0);
         local.residuals.extend_from_slice(weighed.residual.as_slice());
         for (block, manifold) in measurement.blocks.iter().zip(R::MANIFOLDS) {
-            if let Some(position) = system.position[block.0].filter(|_| block.0 != leaf) {
+            if let Some(position) = layout.position[block.0].filter(|_| block.0 != leaf) {
                 local.parts.push(Part { position, dim: manifold.tangent(), column: width });
                 width += manifold.tangent();
             }
@@ -265,12 +262,12 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
                 let block = measurement.blocks[b].0;
                 let out = if block == leaf {
                     &mut local.leaf
-                } else if system.position[block].is_some() {
+                } else if layout.position[block].is_some() {
                     &mut local.other
                 } else {
                     continue;
                 };
-                let free = &system.blocks[block].free;
+                let free = &layout.blocks[block].free;
                 let mut row = [0.0; MAX_TANGENT];
                 for c in 0..manifold.tangent() {
                     row[c] = if free[c] { jacobian.0[b][(k, c)] } else { 0.0 };
@@ -288,20 +285,20 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     fn add_one_to_moment(
         &self,
         measurement: &Measurement<R, ROWS, BLOCKS>,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         moment: &mut Moment<'_>,
     ) {
         let point = measurement.blocks[2];
-        let place = system.position[point.0].map(|_| {
+        let place = layout.position[point.0].map(|_| {
             let at = *moment.points.split_off_first().expect("a place for each point") as usize;
             let block = moment.coupling.split_off_first_mut().expect("a block for each point");
             *block = [[0.0; POSE]; POINT];
             (at, block)
         });
         let mut jacobian = Jacobian::zeros();
-        let Some(weighed) = self.weighed(measurement, system, values, least_flatness, &mut jacobian) else {
+        let Some(weighed) = self.weighed(measurement, layout, values, least_flatness, &mut jacobian) else {
             return;
         };
         let residual = &weighed.residual;
@@ -313,7 +310,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
             }
         }
         let Some((at, block)) = place else { return };
-        let free = &system.blocks[point.0].free;
+        let free = &layout.blocks[point.0].free;
         let of_point: [SVector<f64, ROWS>; POINT] =
             std::array::from_fn(
                 |i| {
@@ -338,7 +335,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
 struct AddToMoment<'a, 'm, R, const ROWS: usize, const BLOCKS: usize> {
     group: &'a Group<R, ROWS, BLOCKS>,
     items: &'a [(u32, u32)],
-    system: &'a System,
+    layout: &'a Layout,
     values: &'a Values,
     least_flatness: f64,
     moment: &'a mut Moment<'m>,
@@ -351,10 +348,10 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> WithSimd
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let AddToMoment { group, items, system, values, least_flatness, moment } = self;
+        let AddToMoment { group, items, layout, values, least_flatness, moment } = self;
         for (_, item) in items {
             let measurement = &group.measurements[*item as usize];
-            group.add_one_to_moment(measurement, system, values, least_flatness, moment);
+            group.add_one_to_moment(measurement, layout, values, least_flatness, moment);
         }
     }
 }
@@ -364,7 +361,7 @@ struct AppendToLeaf<'a, R, const ROWS: usize, const BLOCKS: usize> {
     group: &'a Group<R, ROWS, BLOCKS>,
     items: &'a [(u32, u32)],
     leaf: usize,
-    system: &'a System,
+    layout: &'a Layout,
     values: &'a Values,
     least_flatness: f64,
     local: &'a mut Local,
@@ -379,8 +376,8 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> WithSimd
     fn with_simd<S: Simd>(self, _: S) {
         for (_, item) in self.items {
             let measurement = &self.group.measurements[*item as usize];
-            let AppendToLeaf { leaf, system, values, least_flatness, .. } = self;
-            self.group.append_to_leaf(measurement, leaf, system, values, least_flatness, self.local);
+            let AppendToLeaf { leaf, layout, values, least_flatness, .. } = self;
+            self.group.append_to_leaf(measurement, leaf, layout, values, least_flatness, self.local);
         }
     }
 }
@@ -422,14 +419,14 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         self.sigma_factor
     }
 
-    fn cost(&self, system: &System, values: &Values) -> Cost {
+    fn cost(&self, layout: &Layout, values: &Values) -> Cost {
         let parts: Vec<Cost> = self
             .measurements
             .par_chunks(CHUNK)
             .map(|chunk| {
                 let mut cost = Cost::default();
                 for measurement in chunk {
-                    let squared = match self.whitened(measurement, system, values, None) {
+                    let squared = match self.whitened(measurement, layout, values, None) {
                         Some(residual) => residual.norm_squared(),
                         None => {
                             cost.impossible += 1;
@@ -447,17 +444,17 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         }
     }
 
-    fn squared_norms(&self, system: &System, values: &Values) -> Vec<Option<f64>> {
+    fn squared_norms(&self, layout: &Layout, values: &Values) -> Vec<Option<f64>> {
         self.measurements
             .par_iter()
-            .map(|m| self.whitened(m, system, values, None).map(|r| r.norm_squared()))
+            .map(|m| self.whitened(m, layout, values, None).map(|r| r.norm_squared()))
             .collect()
     }
 
-    fn residuals(&self, system: &System, values: &Values) -> Vec<Option<Vec<f64>>> {
+    fn residuals(&self, layout: &Layout, values: &Values) -> Vec<Option<Vec<f64>>> {
         self.measurements
             .par_iter()
-            .map(|m| self.whitened(m, system, values, None).map(|r| r.as_slice().to_vec()))
+            .map(|m| self.whitened(m, layout, values, None).map(|r| r.as_slice().to_vec()))
             .collect()
     }
 
@@ -471,8 +468,8 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         }
     }
 
-    fn add_common(&self, system: &System, values: &Values, least_flatness: f64, sums: &mut CommonLinear) {
-        let sees = |m: &Measurement<R, ROWS, BLOCKS>| m.blocks.iter().any(|b| system.common.has(b.0));
+    fn add_common(&self, layout: &Layout, values: &Values, least_flatness: f64, sums: &mut CommonLinear) {
+        let sees = |m: &Measurement<R, ROWS, BLOCKS>| m.blocks.iter().any(|b| layout.common.has(b.0));
         if !self.measurements.iter().any(sees) {
             return;
         }
@@ -480,9 +477,9 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
             .measurements
             .par_chunks(self.len().div_ceil(COMMON_CHUNKS))
             .map(|measurements| {
-                let mut sums = system.common.linear(system.pattern.size());
+                let mut sums = CommonLinear::zeros(layout.others, layout.common.size());
                 for measurement in measurements.iter().filter(|m| sees(m)) {
-                    self.add_one_to_common(measurement, system, values, least_flatness, &mut sums);
+                    self.add_one_to_common(measurement, layout, values, least_flatness, &mut sums);
                 }
                 sums
             })
@@ -494,17 +491,17 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         }
     }
 
-    fn add_own(&self, system: &System, values: &Values, sums: &mut [DMatrix<f64>]) {
+    fn add_own(&self, layout: &Layout, values: &Values, sums: &mut [DMatrix<f64>]) {
         for measurement in &self.measurements {
             let mut jacobian = Jacobian::zeros();
-            let Some(weighed) = self.weighed(measurement, system, values, 1.0, &mut jacobian) else {
+            let Some(weighed) = self.weighed(measurement, layout, values, 1.0, &mut jacobian) else {
                 continue;
             };
             for ((block, jacobian), manifold) in measurement.blocks.iter().zip(&jacobian.0).zip(R::MANIFOLDS)
             {
                 let n = manifold.tangent();
                 let mut columns = SMatrix::<f64, ROWS, MAX_TANGENT>::zeros();
-                for (column, _) in system.free(*block).iter().enumerate().filter(|(_, free)| **free) {
+                for (column, _) in layout.free(*block).iter().enumerate().filter(|(_, free)| **free) {
                     columns.set_column(column, &weighed.column(jacobian, column));
                 }
                 let square = columns.transpose() * columns;
@@ -513,19 +510,19 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         }
     }
 
-    fn product(&self, system: &System, values: &Values, x: &[f64]) -> Vec<f64> {
+    fn product(&self, layout: &Layout, values: &Values, x: &[f64]) -> Vec<f64> {
         let mut product = vec![0.0; self.len() * ROWS];
         let chunks = self.measurements.par_chunks(CHUNK).zip(product.par_chunks_mut(CHUNK * ROWS));
         chunks.for_each(|(measurements, out)| {
             for (measurement, out) in measurements.iter().zip(out.chunks_exact_mut(ROWS)) {
                 let mut jacobian = Jacobian::zeros();
-                let Some(weighed) = self.weighed(measurement, system, values, 1.0, &mut jacobian) else {
+                let Some(weighed) = self.weighed(measurement, layout, values, 1.0, &mut jacobian) else {
                     continue;
                 };
                 let mut sum = SVector::<f64, ROWS>::zeros();
                 for (block, jacobian) in measurement.blocks.iter().zip(&jacobian.0) {
-                    let Some(range) = system.range_of(*block) else { continue };
-                    for (column, (x, free)) in x[range].iter().zip(system.free(*block)).enumerate() {
+                    let Some(range) = layout.range_of(*block) else { continue };
+                    for (column, (x, free)) in x[range].iter().zip(layout.free(*block)).enumerate() {
                         if *free {
                             sum += weighed.column(jacobian, column) * *x;
                         }
@@ -537,7 +534,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         product
     }
 
-    fn linearise(&self, system: &System, values: &Values, least_flatness: f64, linear: &mut Linear) {
+    fn linearise(&self, layout: &Layout, values: &Values, least_flatness: f64, linear: &mut Linear) {
         let columns = linear.columns;
         self.measurements
             .par_chunks(CHUNK)
@@ -549,7 +546,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
                     .zip(residuals.chunks_exact_mut(ROWS))
                     .zip(jacobians.chunks_exact_mut(ROWS * columns))
                 {
-                    self.linearise_one(measurement, system, values, least_flatness, residual, jacobian);
+                    self.linearise_one(measurement, layout, values, least_flatness, residual, jacobian);
                 }
             });
     }
@@ -557,12 +554,12 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
     fn add_to_moment(
         &self,
         items: &[(u32, u32)],
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         moment: &mut Moment<'_>,
     ) {
-        let work = AddToMoment { group: self, items, system, values, least_flatness, moment };
+        let work = AddToMoment { group: self, items, layout, values, least_flatness, moment };
         Arch::new().dispatch(work);
     }
 
@@ -570,7 +567,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         &self,
         items: &[(u32, u32)],
         leaf: usize,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         least_flatness: f64,
         local: &mut Local,
@@ -579,7 +576,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
             group: self,
             items,
             leaf,
-            system,
+            layout,
             values,
             least_flatness,
             local,

@@ -24,12 +24,15 @@
 //! Leaves are cut into chunks whose number depends on the problem alone; each has sums of its own,
 //! which are added in order: the same bytes for any number of threads.
 
-use super::group::AnyGroup;
-use super::{Block, Curvature, System, Values};
+use super::accumulators::{Entry, Local};
+use super::group::{AnyGroup, State};
+use super::layout::Block;
+use super::leaf_kernels::{COLUMNS, add_lower, dot, factor_leaf, subtract_products, times};
 use crate::linear::matrix::{Pattern, Place};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Sums of all chunks together may take this much room \[bytes\], but two are always kept.
 const ROOM: usize = 32 << 20;
@@ -40,10 +43,6 @@ const MOST_IN_TABLE: usize = 2048;
 
 /// How many blocks one after the other are a long run of them.
 const LONG: usize = 4;
-/// Columns of the reduced system that are updated together.
-const COLUMNS: usize = 3;
-/// Rows that are updated together.
-const LANES: usize = 8;
 
 /// Work that is compiled for each size that a leaf may have ([`Leaves::can_take`]).
 macro_rules! by_size {
@@ -74,6 +73,8 @@ pub(super) struct Leaves {
     /// Group and item, by leaf, group and position of the first other block.
     items: Vec<(u32, u32)>,
     chunks: Vec<Range<usize>>,
+    /// That of the reduced system.
+    pattern: Arc<Pattern>,
     places: Places,
 }
 
@@ -128,61 +129,6 @@ pub(super) struct Sums {
     local: Local,
 }
 
-/// The measurements of one leaf, linearised, whitened and weighted. Jacobians are row by row.
-#[derive(Clone, Default)]
-pub(super) struct Local {
-    pub entries: Vec<Entry>,
-    pub parts: Vec<Part>,
-    pub residuals: Vec<f64>,
-    /// By the leaf, each row as long as the leaf's tangent.
-    pub leaf: Vec<f64>,
-    /// By the other blocks.
-    pub other: Vec<f64>,
-    /// Rows of `leaf` times `L^-T`.
-    reduced: Vec<f64>,
-    /// `Y`, all other blocks one below the other, column by column.
-    panel: Vec<f64>,
-    /// The positions of the other blocks, and which of them are neighbours.
-    positions: Vec<usize>,
-    runs: Vec<Range<usize>>,
-}
-
-/// One measurement.
-#[derive(Clone, Copy)]
-pub(super) struct Entry {
-    /// Its first row and their number.
-    pub row: usize,
-    pub rows: usize,
-    /// Its other blocks.
-    pub parts: (usize, usize),
-    /// Where its Jacobian by others begins, and the length of a row of it.
-    pub other: usize,
-    pub width: usize,
-}
-
-/// Another block of a measurement.
-#[derive(Clone, Copy)]
-pub(super) struct Part {
-    pub position: usize,
-    pub dim: usize,
-    /// First column within a row of the Jacobian.
-    pub column: usize,
-}
-
-impl Local {
-    pub fn clear(&mut self) {
-        self.entries.clear();
-        self.parts.clear();
-        self.residuals.clear();
-        self.leaf.clear();
-        self.other.clear();
-    }
-
-    fn other_row(&self, entry: &Entry, row: usize) -> &[f64] {
-        &self.other[entry.other + row * entry.width..][..entry.width]
-    }
-}
-
 /// What the steps of leaves add to the prediction of a step.
 #[derive(Clone, Copy, Default)]
 pub(super) struct LeafSteps {
@@ -191,12 +137,12 @@ pub(super) struct LeafSteps {
 }
 
 impl Leaves {
-    pub fn new(
+    pub(super) fn new(
         leaf_blocks: &[usize],
         blocks: &[Block],
         groups: &[Box<dyn AnyGroup>],
         position: &[Option<usize>],
-        pattern: &Pattern,
+        pattern: &Arc<Pattern>,
     ) -> Self {
         let mut leaf_of = vec![u32::MAX; blocks.len()];
         leaf_blocks.iter().enumerate().for_each(|(at, &block)| leaf_of[block] = at as u32);
@@ -238,17 +184,18 @@ impl Leaves {
         let bytes = 8 * pattern.values().max(1);
         let count = (ROOM / bytes).clamp(2, MOST_CHUNKS);
         let chunks = cut(&starts, count);
-        Leaves { blocks: leaf_blocks.to_vec(), steps, starts, items, chunks, places: Places::new(pattern) }
+        let (pattern, places) = (pattern.clone(), Places::new(pattern));
+        Leaves { blocks: leaf_blocks.to_vec(), steps, starts, items, chunks, pattern, places }
     }
 
     /// First scalar of each leaf's step.
-    pub fn steps(&self) -> &[usize] {
+    pub(super) fn steps(&self) -> &[usize] {
         &self.steps
     }
 
     /// Room for the sums of all chunks.
-    pub fn sums(&self, pattern: &Pattern) -> Vec<Sums> {
-        let (values, n) = (vec![0.0; pattern.values()], vec![0.0; pattern.size()]);
+    pub(super) fn sums(&self) -> Vec<Sums> {
+        let (values, n) = (vec![0.0; self.pattern.values()], vec![0.0; self.pattern.size()]);
         let sums =
             Sums { values, gradient: n.clone(), raw_gradient: n.clone(), diagonal: n, ..Default::default() };
         vec![sums; self.chunks.len()]
@@ -257,16 +204,9 @@ impl Leaves {
     /// Linearises and eliminates all leaves with this damping, and adds the sums of all chunks to
     /// the reduced system. Returns the largest entry of the gradients of leaves; `None` where one
     /// is not determined.
-    pub fn eliminate(
-        &self,
-        system: &System,
-        values: &Values,
-        curvature: Curvature,
-        sums: &mut [Sums],
-        reduced: Reduced<'_>,
-    ) -> Option<f64> {
+    pub(super) fn eliminate(&self, state: State<'_>, sums: &mut [Sums], reduced: Reduced<'_>) -> Option<f64> {
         self.chunks.par_iter().zip(sums.par_iter_mut()).for_each(|(chunk, sums)| {
-            Arch::new().dispatch(EliminateChunk(self, system, values, curvature, chunk.clone(), sums));
+            Arch::new().dispatch(EliminateChunk(self, state, chunk.clone(), sums));
         });
         let sums = &*sums;
         let add = |out: &mut [f64], of: fn(&Sums) -> &[f64]| {
@@ -287,24 +227,17 @@ impl Leaves {
     }
 
     #[inline(always)]
-    fn eliminate_chunk(
-        &self,
-        system: &System,
-        values: &Values,
-        curvature: Curvature,
-        chunk: Range<usize>,
-        sums: &mut Sums,
-    ) {
+    fn eliminate_chunk(&self, state: State<'_>, chunk: Range<usize>, sums: &mut Sums) {
         for out in [&mut sums.values, &mut sums.gradient, &mut sums.raw_gradient, &mut sums.diagonal] {
             out.fill(0.0);
         }
         (sums.leaf_gradient, sums.singular) = (0.0, false);
         let mut local = std::mem::take(&mut sums.local);
         for leaf in chunk {
-            self.linearise(system, values, curvature, leaf, &mut local);
-            let free = system.blocks[self.blocks[leaf]].free();
+            self.linearise(state, leaf, &mut local);
+            let free = state.layout.blocks[self.blocks[leaf]].free();
             let done = by_size!(free.len(), N => {
-                self.eliminate_leaf::<N>(system, free, curvature.damping, &mut local, sums)
+                self.eliminate_leaf::<N>(free, state.curvature.damping, &mut local, sums)
             });
             sums.singular |= done.is_none();
         }
@@ -312,29 +245,22 @@ impl Leaves {
     }
 
     /// Sizes that a leaf may have.
-    pub fn can_take(tangent: usize) -> bool {
+    pub(super) fn can_take(tangent: usize) -> bool {
         matches!(tangent, 1 | 2 | 3 | 6 | 9)
     }
 
     #[inline(always)]
-    fn linearise(
-        &self,
-        system: &System,
-        values: &Values,
-        curvature: Curvature,
-        leaf: usize,
-        local: &mut Local,
-    ) {
+    fn linearise(&self, state: State<'_>, leaf: usize, local: &mut Local) {
         local.clear();
         let mut items = &self.items[self.starts[leaf]..self.starts[leaf + 1]];
         while let Some(&(group, _)) = items.first() {
             let end = items.iter().position(|item| item.0 != group).unwrap_or(items.len());
-            system.groups[group as usize].linearise_leaf(
+            state.groups[group as usize].linearise_leaf(
                 &items[..end],
                 self.blocks[leaf],
-                system,
-                values,
-                curvature.least_flatness,
+                state.layout,
+                state.values,
+                state.curvature.least_flatness,
                 local,
             );
             items = &items[end..];
@@ -344,7 +270,6 @@ impl Leaves {
     #[inline(always)]
     fn eliminate_leaf<const DE: usize>(
         &self,
-        system: &System,
         free: &[bool],
         damping: f64,
         local: &mut Local,
@@ -376,7 +301,7 @@ impl Leaves {
             in_runs = others >= LONG * runs;
             in_order
         };
-        let pattern = &*system.pattern;
+        let pattern = &*self.pattern;
         if uniform(2, 9) {
             if in_runs {
                 self.add_runs::<DE, 9>(pattern, &half, local, sums);
@@ -615,11 +540,9 @@ impl Leaves {
     }
 
     /// The steps of all leaves, given the step of the others, behind which they are written.
-    pub fn back_substitute(
+    pub(super) fn back_substitute(
         &self,
-        system: &System,
-        values: &Values,
-        curvature: Curvature,
+        state: State<'_>,
         sums: &mut [Sums],
         others: &[f64],
         steps: &mut [f64],
@@ -637,8 +560,8 @@ impl Leaves {
             .zip(pieces)
             .zip(sums.par_iter_mut())
             .map(|((chunk, steps), sums)| {
-                let job = (self, system, values, curvature, chunk.clone(), &mut sums.local, others, steps);
-                Arch::new().dispatch(StepsOfChunk(job))
+                let job = StepsOfChunk(self, state, chunk.clone(), &mut sums.local, others, steps);
+                Arch::new().dispatch(job)
             })
             .collect();
         parts.iter().fold(LeafSteps::default(), |a, b| LeafSteps {
@@ -648,12 +571,9 @@ impl Leaves {
     }
 
     #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "the arguments of back_substitute for one chunk")]
     fn steps_of_chunk(
         &self,
-        system: &System,
-        values: &Values,
-        curvature: Curvature,
+        state: State<'_>,
         chunk: Range<usize>,
         local: &mut Local,
         others: &[f64],
@@ -662,11 +582,11 @@ impl Leaves {
         let first = self.steps[chunk.start];
         let mut sum = LeafSteps::default();
         for leaf in chunk {
-            self.linearise(system, values, curvature, leaf, local);
-            let free = system.blocks[self.blocks[leaf]].free();
+            self.linearise(state, leaf, local);
+            let free = state.layout.blocks[self.blocks[leaf]].free();
             let step = &mut steps[self.steps[leaf] - first..self.steps[leaf + 1] - first];
             let part = by_size!(free.len(), N => {
-                self.step_of_leaf::<N>(free, curvature.damping, local, others, step)
+                self.step_of_leaf::<N>(free, state.curvature.damping, local, others, step)
             });
             sum.slope += part.slope;
             sum.squared += part.squared;
@@ -716,30 +636,26 @@ impl Leaves {
 
 /// [`Leaves::eliminate_chunk`] with the vector instructions that the machine has: a closure would not
 /// be compiled for them.
-struct EliminateChunk<'a>(&'a Leaves, &'a System, &'a Values, Curvature, Range<usize>, &'a mut Sums);
+struct EliminateChunk<'a>(&'a Leaves, State<'a>, Range<usize>, &'a mut Sums);
 
 impl WithSimd for EliminateChunk<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        self.0.eliminate_chunk(self.1, self.2, self.3, self.4, self.5);
+        self.0.eliminate_chunk(self.1, self.2, self.3);
     }
 }
 
 /// [`Leaves::steps_of_chunk`] likewise.
-#[expect(clippy::type_complexity, reason = "the arguments of one call")]
-struct StepsOfChunk<'a>(
-    (&'a Leaves, &'a System, &'a Values, Curvature, Range<usize>, &'a mut Local, &'a [f64], &'a mut [f64]),
-);
+struct StepsOfChunk<'a>(&'a Leaves, State<'a>, Range<usize>, &'a mut Local, &'a [f64], &'a mut [f64]);
 
 impl WithSimd for StepsOfChunk<'_> {
     type Output = LeafSteps;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> LeafSteps {
-        let (leaves, system, values, curvature, chunk, local, others, steps) = self.0;
-        leaves.steps_of_chunk(system, values, curvature, chunk, local, others, steps)
+        self.0.steps_of_chunk(self.1, self.2, self.3, self.4, self.5)
     }
 }
 
@@ -749,152 +665,6 @@ pub(super) struct Reduced<'a> {
     pub gradient: &'a mut [f64],
     pub raw_gradient: &'a mut [f64],
     pub diagonal: &'a mut [f64],
-}
-
-/// The entries of a diagonal that scale the damping.
-pub(super) fn clamped(diagonal: f64) -> f64 {
-    diagonal.clamp(1e-12, 1e32)
-}
-
-/// Cholesky factor of a leaf, the diagonal inverted.
-struct LeafFactor<const DE: usize>([[f64; DE]; DE]);
-
-impl<const DE: usize> LeafFactor<DE> {
-    /// `L^-1 b`
-    #[inline(always)]
-    fn forward(&self, mut b: [f64; DE]) -> [f64; DE] {
-        for r in 0..DE {
-            for c in 0..r {
-                b[r] -= self.0[r][c] * b[c];
-            }
-            b[r] *= self.0[r][r];
-        }
-        b
-    }
-
-    /// `L^-T b`
-    #[inline(always)]
-    fn backward(&self, mut b: [f64; DE]) -> [f64; DE] {
-        for r in (0..DE).rev() {
-            for c in r + 1..DE {
-                b[r] -= self.0[c][r] * b[c];
-            }
-            b[r] *= self.0[r][r];
-        }
-        b
-    }
-}
-
-/// Factor of a leaf's damped block, its gradient, and the scale of its damping.
-#[inline(always)]
-fn factor_leaf<const DE: usize>(
-    local: &Local,
-    free: &[bool],
-    damping: f64,
-) -> Option<(LeafFactor<DE>, [f64; DE], [f64; DE])> {
-    let mut v = [[0.0; DE]; DE];
-    let mut gradient = [0.0; DE];
-    for (row, r) in local.leaf.as_chunks::<DE>().0.iter().zip(&local.residuals) {
-        for a in 0..DE {
-            gradient[a] += row[a] * r;
-            for b in 0..=a {
-                v[a][b] += row[a] * row[b];
-            }
-        }
-    }
-    let mut scale = [0.0; DE];
-    for a in 0..DE {
-        if !free[a] {
-            v[a][a] = 1.0;
-        }
-        scale[a] = clamped(v[a][a]);
-        v[a][a] += damping * scale[a];
-    }
-    for c in 0..DE {
-        let mut pivot = v[c][c];
-        for k in 0..c {
-            pivot -= v[c][k] * v[c][k];
-        }
-        if pivot.is_nan() || pivot <= 0.0 {
-            return None;
-        }
-        let inverse = 1.0 / pivot.sqrt();
-        v[c][c] = inverse;
-        for r in c + 1..DE {
-            for k in 0..c {
-                v[r][c] -= v[r][k] * v[c][k];
-            }
-            v[r][c] *= inverse;
-        }
-    }
-    Some((LeafFactor(v), gradient, scale))
-}
-
-#[inline(always)]
-fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
-    let mut sum = 0.0;
-    for i in 0..N {
-        sum += a[i] * b[i];
-    }
-    sum
-}
-
-#[inline(always)]
-fn times<const D: usize>(p: &[[f64; 2]; 2], j: &[[f64; D]; 2]) -> [[f64; D]; 2] {
-    let mut t = [[0.0; D]; 2];
-    for c in 0..D {
-        t[0][c] = p[0][0] * j[0][c] + p[0][1] * j[1][c];
-        t[1][c] = p[1][0] * j[0][c] + p[1][1] * j[1][c];
-    }
-    t
-}
-
-/// Subtracts `P y` from some columns, `P` column by column.
-#[inline(always)]
-fn subtract_products<const DE: usize>(
-    out: [&mut [f64]; COLUMNS],
-    panel: [&[f64]; DE],
-    y: &[[f64; COLUMNS]; DE],
-) {
-    let rows = panel[0].len();
-    let whole = rows - rows % LANES;
-    for at in (0..whole).step_by(LANES) {
-        // Copies, so that what is added to is known to be something else.
-        let mut sums = [[0.0; LANES]; COLUMNS];
-        for c in 0..COLUMNS {
-            sums[c].copy_from_slice(&out[c][at..at + LANES]);
-        }
-        for d in 0..DE {
-            let p: &[f64; LANES] = panel[d][at..].first_chunk().expect("whole");
-            for c in 0..COLUMNS {
-                for i in 0..LANES {
-                    sums[c][i] -= p[i] * y[d][c];
-                }
-            }
-        }
-        for c in 0..COLUMNS {
-            out[c][at..at + LANES].copy_from_slice(&sums[c]);
-        }
-    }
-    for at in whole..rows {
-        for c in 0..COLUMNS {
-            for d in 0..DE {
-                out[c][at] -= panel[d][at] * y[d][c];
-            }
-        }
-    }
-}
-
-/// Adds the lower triangle of `a^T b`.
-#[inline(always)]
-fn add_lower<const D: usize>(values: &mut [f64], place: Place, a: &[[f64; D]; 2], b: &[[f64; D]; 2]) {
-    for c in 0..D {
-        let at = place.column_start(c);
-        let column = &mut values[at + c..at + D];
-        for (r, out) in (c..D).zip(column) {
-            *out += a[0][r] * b[0][c] + a[1][r] * b[1][c];
-        }
-    }
 }
 
 /// Cuts leaves into chunks of like work: pairs of measurements, and measurements.

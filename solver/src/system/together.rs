@@ -12,13 +12,14 @@
 //! are and the factor of an earlier border as the preconditioner; where they do not come to their end
 //! within half of what making it costs, it is made.
 
-use super::Normal;
-use super::frames::{Frames, FramesLinear, Place, Step};
+use super::frames::Frames;
+use super::frames_linear::FramesLinear;
+use super::normal::Normal;
+use super::time_steps::Place;
 use crate::linear::chain::Chain;
 use crate::linear::cholesky::{Singular, TooLarge};
-use crate::linear::coupling::POINT;
 use crate::linear::gradients::{Preconditioned, conjugate_gradients};
-use crate::linear::pose_chain::POSE;
+use crate::linear::small::{POINT, POSE};
 use crate::linear::tiles::TiledCholesky;
 use nalgebra::DMatrix;
 
@@ -52,7 +53,7 @@ enum Made {
 }
 
 impl TogetherFactor {
-    pub fn new(frames: &Frames) -> Result<Self, TooLarge> {
+    pub(super) fn new(frames: &Frames) -> Result<Self, TooLarge> {
         let chain = Chain::new(frames.dims.clone(), frames.band);
         let (n, r) = (chain.size(), frames.border - frames.shape);
         let border = TiledCholesky::new(frames.border, frames.flops)?;
@@ -68,14 +69,19 @@ impl TogetherFactor {
     }
 
     /// Factorises the normal matrix with `extra` on its diagonal.
-    pub fn factorise(&mut self, frames: &Frames, normal: &Normal, extra: &[f64]) -> Result<(), Singular> {
+    pub(super) fn factorise(
+        &mut self,
+        frames: &Frames,
+        normal: &Normal,
+        extra: &[f64],
+    ) -> Result<(), Singular> {
         self.eliminate_poses(frames, normal, extra)?;
         self.complete(frames, normal)
     }
 
     /// Solves with `extra` on the diagonal, in place, until the residual is this share of the right-hand side
     /// or less, and factorises no more than that takes.
-    pub fn step(
+    pub(super) fn step(
         &mut self,
         frames: &Frames,
         normal: &Normal,
@@ -89,7 +95,7 @@ impl TogetherFactor {
     }
 
     /// The same with at most so many conjugate gradients, and whether they came to their end.
-    pub fn step_within(
+    pub(super) fn step_within(
         &mut self,
         frames: &Frames,
         normal: &Normal,
@@ -167,7 +173,7 @@ impl TogetherFactor {
     }
 
     /// Makes what is left of the border, where that is not done.
-    pub fn complete(&mut self, frames: &Frames, normal: &Normal) -> Result<(), Singular> {
+    pub(super) fn complete(&mut self, frames: &Frames, normal: &Normal) -> Result<(), Singular> {
         if self.made == Made::Present {
             return Ok(());
         }
@@ -207,7 +213,7 @@ impl TogetherFactor {
     }
 
     /// Solves for right-hand sides in the order of the pattern, in place.
-    pub fn solve(&mut self, frames: &Frames, normal: &Normal, b: &mut [f64]) {
+    pub(super) fn solve(&mut self, frames: &Frames, normal: &Normal, b: &mut [f64]) {
         assert_eq!(self.made, Made::Present, "the border is made");
         self.solve_by(frames, normal, b, None);
     }
@@ -338,22 +344,6 @@ impl Frames {
         let (seen, m) = (self.homes[0].coupling.blocks() as f64, self.border as f64);
         let gradient = 4.0 * (POSE * POINT) as f64 * seen + 2.0 * m * m;
         (0.5 * self.flops / (WAITING * gradient)) as usize
-    }
-
-    /// `T` of each step: `(c, v)` from `(c, y)`.
-    pub(super) fn turns(&self, linear: &FramesLinear) -> Vec<DMatrix<f64>> {
-        let mut body = linear.bodies.iter();
-        let turn = |(step, &(c, y)): (&Step, &(usize, usize))| {
-            let mut turn = DMatrix::identity(c + y, c + y);
-            for i in 0..step.bodies.len() {
-                let (.., a) = body.next().expect("one for each body");
-                if c > 0 {
-                    turn.fixed_view_mut::<POSE, POSE>(c + POSE * i, 0).copy_from(&-a);
-                }
-            }
-            turn
-        };
-        self.steps.iter().zip(&self.dims).map(turn).collect()
     }
 
     /// `W^T x`.

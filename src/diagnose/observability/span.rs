@@ -10,7 +10,7 @@ use super::candidates::Candidate;
 use super::rows::Rows;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
-use trackbundle_solver::linear::dense::Spectrum;
+use trackbundle_solver::Spectrum;
 
 /// A candidate of which less than this is left, beside those before it, is one of their combinations.
 const DEPENDENT: f64 = 1e-7;

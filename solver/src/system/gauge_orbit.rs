@@ -15,35 +15,35 @@
 //!
 //! To first order this is the plain update, so that Jacobians are what they were.
 
-use super::{BlockId, System, Values};
+use super::layout::{BlockId, Layout, Values};
 use crate::geometry::{Pose, rotation::exp, skew};
 use crate::manifold::{Manifold, read_pose, write_pose};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
 
-/// The points and poses of one rigid body, all of them free.
+/// The points and poses of one rigid body, all of them free: the gauge orbit that a motion of its frame spans.
 #[derive(Clone, Debug)]
-pub(super) struct Orbit {
+pub(super) struct GaugeOrbit {
     pub points: Vec<BlockId>,
     pub poses: Vec<BlockId>,
 }
 
-impl Orbit {
+impl GaugeOrbit {
     /// Moves the body's blocks in `moved`, which holds `values` moved by `step` block by block.
-    pub fn apply(&self, system: &System, values: &Values, step: &[f64], moved: &mut Values) {
-        let Some(motion) = self.rigid_part(system, values, step) else { return };
+    pub(super) fn apply(&self, layout: &Layout, values: &Values, step: &[f64], moved: &mut Values) {
+        let Some(motion) = self.rigid_part(layout, values, step) else { return };
         let (velocity, turn) = motion;
         let rotation = exp(&turn);
         for &block in &self.points {
-            let point = Vector3::from_column_slice(system.value(values, block));
-            let delta = Vector3::from_column_slice(system.step_of(block, step));
+            let point = Vector3::from_column_slice(layout.value(values, block));
+            let delta = Vector3::from_column_slice(layout.step_of(block, step));
             let rest = delta - velocity - turn.cross(&point);
-            system.set_value(moved, block, (rotation * (point + rest) + velocity).as_slice());
+            layout.set_value(moved, block, (rotation * (point + rest) + velocity).as_slice());
         }
         let inverse = Pose::from_parts(velocity.into(), rotation).inverse();
         for &block in &self.poses {
-            let value = system.value(values, block);
-            let mut delta = Vector6::from_column_slice(system.step_of(block, step));
+            let value = layout.value(values, block);
+            let mut delta = Vector6::from_column_slice(layout.step_of(block, step));
             let world_velocity = read_pose(value).rotation * velocity;
             delta.fixed_rows_mut::<3>(0).add_assign(&world_velocity);
             delta.fixed_rows_mut::<3>(3).add_assign(&turn);
@@ -51,22 +51,22 @@ impl Orbit {
             Manifold::Pose.plus(value, delta.as_slice(), &mut pose);
             let mut pose = read_pose(&pose) * inverse;
             pose.rotation.renormalize();
-            system.set_value(moved, block, &write_pose(&pose));
+            layout.set_value(moved, block, &write_pose(&pose));
         }
     }
 
     /// `(v, w)` of the rigid part of the points' steps; `None` where the points lie on a line.
     fn rigid_part(
         &self,
-        system: &System,
+        layout: &Layout,
         values: &Values,
         step: &[f64],
     ) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let mut normal = Matrix6::zeros();
         let mut right = Vector6::zeros();
         for &block in &self.points {
-            let point = Vector3::from_column_slice(system.value(values, block));
-            let delta = Vector3::from_column_slice(system.step_of(block, step));
+            let point = Vector3::from_column_slice(layout.value(values, block));
+            let delta = Vector3::from_column_slice(layout.step_of(block, step));
             // d = v - [M]x w
             let cross = skew(&point);
             normal.fixed_view_mut::<3, 3>(0, 0).add_assign(&Matrix3::identity());

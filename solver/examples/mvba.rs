@@ -4,26 +4,23 @@
 //! prior on the motion of the vehicle from frame to frame. Costs are half the sum of squares (of rho for
 //! image points), term by term those of benches/peers/ceres_mv.cc.
 //!
-//! `cargo run --release --example mvba -- FILE [--elimination frames] [--json]`
+//! `cargo run --release -p trackbundle-solver --example mvba -- FILE [--elimination frames] [--json]`
 
 use clap::{Parser, ValueEnum};
-use nalgebra::{Matrix3, Point3, Rotation3, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2x3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6};
 use std::error::Error;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use trackbundle::camera::{Camera, Lens};
-use trackbundle::geometry::align::rigid_fit;
-use trackbundle::geometry::rotation::{log, right_jacobian_inverse};
-use trackbundle::geometry::{Pose, pose, skew};
-use trackbundle::residuals::pose_prior::PosePrior;
-use trackbundle::residuals::vehicle_image_point::VehicleImagePoint;
-use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
-use trackbundle_solver::manifold::{Manifold, read_point, read_pose, write_pose};
-use trackbundle_solver::residual::{Jacobian, Residual};
-use trackbundle_solver::system::{BlockId, Measurement, System, SystemBuilder, TimeStep, Values};
+use trackbundle_solver::geometry::rotation::{log, right_jacobian_inverse};
+use trackbundle_solver::geometry::{Pose, pose, skew};
+use trackbundle_solver::loss::{DEFAULT_SHAPE, LossName};
+use trackbundle_solver::manifold::{pose_minus, pose_minus_jacobian, read_point, read_pose, write_pose};
+use trackbundle_solver::{
+    BlockId, Jacobian, Loss, Manifold, Measurement, Residual, System, SystemBuilder, TimeStep, Values,
+};
 
-#[path = "../solver/examples/support/run.rs"]
+#[path = "support/run.rs"]
 mod run;
 
 /// Adjusts a moving vehicle under one camera.
@@ -52,6 +49,91 @@ enum Elimination {
     Frames,
     /// Points, which leaves the poses
     Points,
+}
+
+/// Points nearer to the camera's plane than this are not seen \[m\].
+const LEAST_DEPTH_M: f64 = 1e-3;
+
+/// A camera without distortion that looks along z, x to the right, y down.
+#[derive(Clone, Debug)]
+struct Pinhole {
+    focal_px: f64,
+    principal_px: Vector2<f64>,
+}
+
+impl Pinhole {
+    /// The pixel of a point in the camera frame \[m\], and its derivative by the point, 2 x 3 \[px/m\]; `None`
+    /// behind the camera.
+    fn project(&self, point: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+        if point.z <= LEAST_DEPTH_M {
+            return None;
+        }
+        let ray = point.xy() / point.z;
+        let inverse_depth = 1.0 / point.z;
+        #[rustfmt::skip]
+        let ray_by_point = Matrix2x3::new(
+            inverse_depth, 0.0, -ray.x * inverse_depth,
+            0.0, inverse_depth, -ray.y * inverse_depth,
+        );
+        Some((self.focal_px * ray + self.principal_px, self.focal_px * ray_by_point))
+    }
+}
+
+/// Image point of a point of the vehicle, observed minus computed \[px\]. Blocks: camera pose, vehicle pose, point
+/// in the vehicle frame.
+///
+/// ```text
+/// X = Rc^T (Rv M + tv - tc)          the point in the camera frame
+/// r = (u, v) - project(X)
+///
+/// dr/dM  = -P Rc^T Rv                P = d project / dX, 2 x 3
+/// dr/dtv = -P Rc^T                   dr/drv =  P Rc^T Rv [M]x
+/// dr/dtc =  P Rc^T                   dr/drc = -P [X]x
+/// ```
+struct ImagePoint {
+    camera: Arc<Pinhole>,
+    observed_px: Vector2<f64>,
+}
+
+impl Residual<2, 3> for ImagePoint {
+    const MANIFOLDS: [Manifold; 3] = [Manifold::Pose, Manifold::Pose, Manifold::POINT];
+
+    #[inline(always)]
+    fn evaluate(&self, x: &[&[f64]; 3], jacobian: Option<&mut Jacobian<2, 3>>) -> Option<Vector2<f64>> {
+        let (world_from_camera, world_from_vehicle) = (read_pose(x[0]), read_pose(x[1]));
+        let in_vehicle = read_point(x[2]);
+        let in_world = world_from_vehicle * in_vehicle;
+        let in_camera = world_from_camera.inverse_transform_point(&in_world).coords;
+        let (computed_px, by_camera_point) = self.camera.project(&in_camera)?;
+        if let Some(jacobian) = jacobian {
+            let camera_from_world = world_from_camera.rotation.inverse().to_rotation_matrix();
+            let by_world: Matrix2x3<f64> = by_camera_point * camera_from_world.matrix();
+            let by_point = by_world * world_from_vehicle.rotation.to_rotation_matrix().matrix();
+            jacobian.set(0, 0, &by_world);
+            jacobian.set(0, 3, &-(by_camera_point * skew(&in_camera)));
+            jacobian.set(1, 0, &-by_world);
+            jacobian.set(1, 3, &(by_point * skew(&in_vehicle.coords)));
+            jacobian.set(2, 0, &-by_point);
+        }
+        Some(self.observed_px - computed_px)
+    }
+}
+
+/// A pose against the one it started with \[m, rad\]: `[ t - t0 ; log(R0^T R) ]`.
+struct PosePrior {
+    start: Pose,
+}
+
+impl Residual<6, 1> for PosePrior {
+    const MANIFOLDS: [Manifold; 1] = [Manifold::Pose];
+
+    fn evaluate(&self, x: &[&[f64]; 1], jacobian: Option<&mut Jacobian<6, 1>>) -> Option<Vector6<f64>> {
+        let pose = read_pose(x[0]);
+        if let Some(jacobian) = jacobian {
+            jacobian.set(0, 0, &pose_minus_jacobian(&pose, &self.start));
+        }
+        Some(pose_minus(&pose, &self.start))
+    }
 }
 
 /// Motion of a body from one frame to the next, in its own frame, against a mean \[m, rad\]:
@@ -89,7 +171,7 @@ impl Residual<6, 2> for Motion {
 
 /// A problem as its file has it.
 struct Problem {
-    camera: Arc<Camera>,
+    camera: Arc<Pinhole>,
     /// Standard deviations, position and rotation: camera, vehicle, motion \[m, rad\].
     sigmas: [[f64; 2]; 3],
     mean_motion: Vector6<f64>,
@@ -109,13 +191,7 @@ impl Problem {
         let (frames, points): (usize, usize) = (words.next()?, words.next()?);
         let count: usize = words.next()?;
         let [f, cx, cy] = words.array()?;
-        let camera = Camera {
-            size_px: [2 * cx as u32, 2 * cy as u32],
-            focal_px: Vector2::new(f, f),
-            principal_px: Vector2::new(cx, cy),
-            pixel_centre_px: 0.0,
-            lens: Lens::Pinhole,
-        };
+        let camera = Pinhole { focal_px: f, principal_px: Vector2::new(cx, cy) };
         let [ct, cr, vt, vr, mt, mr] = words.array()?;
         let [rx, ry, rz, tx, ty, tz] = words.array()?;
         let read_poses = |words: &mut run::Words, n: usize| -> Result<Vec<Pose>, Box<dyn Error>> {
@@ -167,7 +243,7 @@ impl Problem {
             .map(|p| builder.add_block(Manifold::POINT, p.coords.as_slice(), &[true; 3]))
             .collect();
         let image = |(frame, point, pixel): (usize, usize, Vector2<f64>)| Measurement {
-            residual: VehicleImagePoint { camera: self.camera.clone(), observed_px: pixel },
+            residual: ImagePoint { camera: self.camera.clone(), observed_px: pixel },
             blocks: [cameras[frame], vehicles[frame], points[point]],
             sigma: [1.0; 2],
         };
@@ -178,7 +254,7 @@ impl Problem {
             [(&self.cameras, &cameras, self.sigmas[0]), (&self.vehicles, &vehicles, self.sigmas[1])]
         {
             let prior = |(start, block): (&Pose, &BlockId)| Measurement {
-                residual: PosePrior { start: *start, axes: Rotation3::identity() },
+                residual: PosePrior { start: *start },
                 blocks: [*block],
                 sigma: sigma(sigmas),
             };
@@ -218,6 +294,29 @@ impl Problem {
     }
 }
 
+/// The rigid motion with the least sum of squared distances between pairs of points; `None` where they do not
+/// determine it. Source: Umeyama, IEEE PAMI 13 (1991), without his scale.
+fn rigid_fit(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Pose> {
+    let centroid =
+        |points: &[Point3<f64>]| points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+    let (from_mean, to_mean) = (centroid(from), centroid(to));
+    let covariance: Matrix3<f64> =
+        from.iter().zip(to).map(|(a, b)| (b.coords - to_mean) * (a.coords - from_mean).transpose()).sum();
+    if !covariance.iter().all(|value| value.is_finite()) {
+        return None;
+    }
+    let svd = covariance.svd(true, true);
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    // Singular values come largest first; the last takes the sign that keeps the handedness.
+    if svd.singular_values[1] <= 1e-12 * svd.singular_values[0] {
+        return None;
+    }
+    let signs = Vector3::new(1.0, 1.0, (u.determinant() * v_t.determinant()).signum());
+    let turn = Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&signs) * v_t);
+    let rotation = UnitQuaternion::from_rotation_matrix(&turn);
+    Some(Pose::from_parts((to_mean - rotation * from_mean).into(), rotation))
+}
+
 /// Poses and points as lines of numbers, in the order of the problem's file.
 fn solved(system: &System, values: &Values, blocks: &[Vec<BlockId>; 3]) -> String {
     let mut text = String::new();
@@ -255,16 +354,39 @@ fn main() -> Result<(), Box<dyn Error>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use trackbundle_solver::minimise::Minimiser;
-    use trackbundle_solver::residual::worst_jacobian_entry;
+    use trackbundle_solver::{Minimiser, worst_jacobian_entry};
 
     #[test]
-    fn the_jacobian_is_that_of_its_differences() {
+    fn jacobians_are_those_of_their_differences() {
         let a = write_pose(&pose([1.0, 2.0, 3.0], [0.9, 0.1, 0.2, -0.3]));
         let b = write_pose(&pose([1.4, 1.5, 3.1], [0.7, -0.4, 0.1, 0.3]));
         let motion = Motion { mean: Vector6::new(0.3, 0.0, 0.0, 0.0, 0.1, 0.0) };
-        let entry = worst_jacobian_entry(&motion, &[&a, &b], 1e-6).unwrap();
-        assert!(entry.gap < 1e-8, "{entry:?}");
+        let prior = PosePrior { start: read_pose(&a) };
+        // The camera stands 50 m above and looks down, nearly.
+        let camera = write_pose(&pose([2.0, -1.0, 50.0], [0.05, 0.99, 0.02, -0.03]));
+        let pinhole = Pinhole { focal_px: 1000.0, principal_px: Vector2::new(500.0, 400.0) };
+        let image = ImagePoint { camera: Arc::new(pinhole), observed_px: Vector2::new(510.0, 390.0) };
+        let entries = [
+            worst_jacobian_entry(&motion, &[&a, &b], 1e-6),
+            worst_jacobian_entry(&prior, &[&b], 1e-6),
+            worst_jacobian_entry(&image, &[&camera, &b, &[0.7, -0.4, 1.2]], 1e-5),
+        ];
+        for entry in entries.map(Option::unwrap) {
+            assert!(entry.gap < 1e-8, "{entry:?}");
+        }
+        assert!(image.evaluate(&[&camera, &b, &[0.0, 0.0, 200.0]], None).is_none(), "behind the camera");
+    }
+
+    #[test]
+    fn a_rigid_motion_is_found() {
+        let from: Vec<Point3<f64>> = [[1.0, 0.5, 1.0], [-1.0, 0.5, 1.2], [1.0, -0.6, 0.4], [-1.1, -0.5, 0.2]]
+            .map(Point3::from)
+            .to_vec();
+        let motion = pose([3.0, -2.0, 0.5], [0.7, -0.4, 0.1, 0.3]);
+        let to: Vec<Point3<f64>> = from.iter().map(|p| motion * p).collect();
+        let found = rigid_fit(&from, &to).unwrap();
+        assert!(from.iter().zip(&to).all(|(p, q)| (found * p - q).norm() < 1e-12));
+        assert!(rigid_fit(&[from[0]; 4], &to).is_none());
     }
 
     #[test]
@@ -298,7 +420,7 @@ mod tests {
             let arguments = ["mvba", "file", "--elimination", elimination].into_iter().chain(to_the_end);
             let arguments = Arguments::parse_from(arguments);
             let (system, blocks) = Problem::read(&text).unwrap().system(&arguments);
-            assert_eq!(system.has_frames(), elimination == "frames");
+            assert_eq!(system.is_along_time(), elimination == "frames");
             let minimum = Minimiser::new(&system).unwrap().run(
                 &system,
                 system.start(),
