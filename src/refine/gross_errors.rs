@@ -23,28 +23,35 @@ use super::outcome::{Fits, ObservationFit};
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::{point_anew, tracks_left_behind};
 use crate::problem::{Problem, Role};
+use crate::rules::rules;
 use crate::stats::quantile::{upper_median, value_at_share};
 use nalgebra::Vector2;
 
-/// Fewest image points that are judged together.
-const LEAST_TOGETHER: usize = 4;
-/// A track or frame of which more than this share is gross is rejected, however its gross errors came.
-const NEARLY_ALL: f64 = 0.9;
-/// Gross residuals of one cause differ by less than this share of their length; those that come alone by
-/// 1.4 times their length.
-const ONE_CAUSE: f64 = 0.5;
-/// An image point that keeps less than this weight is down-weighted.
-const FULL_WEIGHT: f64 = 0.5;
-/// The first estimate contradicts a track that fits so many times worse than a good one ...
-const SUSPECT: f64 = 4.0;
-/// ... that is, than this share of tracks do ...
-const GOOD_TRACKS: f64 = 0.25;
-/// ... in this share of its frames.
-const GOOD_POINTS: f64 = 0.4;
-/// Where no more than this share of the image points of a vehicle is left, it is the estimate that is wrong.
-const LEAST_LEFT_IN: f64 = 0.15;
-/// Fewest image points by which the first estimate is held against a track.
-const LEAST_TRACK: usize = 8;
+rules! {
+    /// Gross errors of image points, tracks and frames.
+    pub struct GrossErrorRules {
+        /// Fewest that are judged together.
+        least_together: usize = 4, "image points";
+        /// A track or frame of which more is gross is rejected, however its gross errors came.
+        rejected_above_share: f64 = 0.9, "share of image points";
+        /// Gross residuals of one cause differ by less from one to the next; those that come alone by 1.4.
+        one_cause_change: f64 = 0.5, "share of their length";
+        /// An image point that keeps less is down-weighted.
+        full_weight: f64 = 0.5, "weight";
+        /// The first estimate contradicts a track that fits so many times worse than a good one ...
+        suspect_factor: f64 = 4.0, "factor";
+        /// ... that is, than these do ...
+        good_tracks_share: f64 = 0.25, "share of tracks";
+        /// ... in these.
+        good_points_share: f64 = 0.4, "share of frames";
+        /// Where no more is left of a vehicle, it is the estimate that is wrong.
+        least_left_share: f64 = 0.15, "share of image points";
+        /// Fewest by which the first estimate is held against a track.
+        least_track: usize = 8, "image points";
+    }
+}
+
+const RULES: GrossErrorRules = GrossErrorRules::DEFAULT;
 
 /// What became of an image point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -205,13 +212,14 @@ impl Excluded {
                 let judged = track.iter().map(|at| &set.seen[*at]).filter(|seen| seen.kind == Kind::Point);
                 let norms: Vec<f64> =
                     judged.map(|seen| seen.whitened.map_or(f64::INFINITY, |w| w.norm())).collect();
-                if norms.len() >= LEAST_TRACK {
-                    scores.push((value_at_share(norms, GOOD_POINTS).unwrap_or(0.0), track));
+                if norms.len() >= RULES.least_track {
+                    scores.push((value_at_share(norms, RULES.good_points_share).unwrap_or(0.0), track));
                 }
             }
             let good =
-                value_at_share(scores.iter().map(|(score, _)| *score).collect(), GOOD_TRACKS).unwrap_or(0.0);
-            let limit = SUSPECT * good.max(OUTLIER_SIGMAS);
+                value_at_share(scores.iter().map(|(score, _)| *score).collect(), RULES.good_tracks_share)
+                    .unwrap_or(0.0);
+            let limit = RULES.suspect_factor * good.max(OUTLIER_SIGMAS);
             for (_, track) in scores.into_iter().filter(|(score, _)| *score > limit) {
                 track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
             }
@@ -233,7 +241,7 @@ impl Excluded {
                 let judged = set.judge(limit).into_iter();
                 *reasons = judged.map(|reason| reason.filter(|r| *r != Reason::ImagePoint)).collect();
                 let left_in = reasons.iter().filter(|reason| reason.is_none()).count();
-                if (left_in as f64) < LEAST_LEFT_IN * reasons.len() as f64 {
+                if (left_in as f64) < RULES.least_left_share * reasons.len() as f64 {
                     reasons.clone_from(before);
                 }
             }
@@ -326,7 +334,7 @@ pub fn verdicts(
 }
 
 fn of_weight(fit: &ObservationFit) -> Verdict {
-    if fit.weight < FULL_WEIGHT { Verdict::DownWeighted } else { Verdict::Used }
+    if fit.weight < RULES.full_weight { Verdict::DownWeighted } else { Verdict::Used }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -437,13 +445,13 @@ impl Set {
         // What lies behind the camera has no residual; it is as gross as can be.
         let behind = judged.iter().filter(|seen| seen.whitened.is_none()).count();
         let share = (gross.len() + behind) as f64 / judged.len().max(1) as f64;
-        if judged.len() < LEAST_TOGETHER || share <= 0.5 {
+        if judged.len() < RULES.least_together || share <= 0.5 {
             return false;
         }
-        share > NEARLY_ALL || behind > gross.len() || {
+        share > RULES.rejected_above_share || behind > gross.len() || {
             let length = upper_median(gross.iter().map(|r| r.norm()).collect());
             let change = upper_median(gross.windows(2).map(|two| (two[1] - two[0]).norm()).collect());
-            change.unwrap_or(0.0) < ONE_CAUSE * length.unwrap_or(0.0)
+            change.unwrap_or(0.0) < RULES.one_cause_change * length.unwrap_or(0.0)
         }
     }
 }

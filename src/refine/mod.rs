@@ -45,6 +45,7 @@ use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
 use crate::initialise::start_anew;
 use crate::problem::Problem;
+use crate::rules::Rules;
 use directed_tests::{Held, directed_tests};
 use model::Purpose;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
@@ -105,6 +106,11 @@ impl From<TooLarge> for NoSolution {
     fn from(error: TooLarge) -> Self {
         NoSolution(error.to_string())
     }
+}
+
+/// The constants of the adjustment.
+pub fn constants() -> Vec<Rules> {
+    vec![RoundSchedule::PAGE, gross_errors::GrossErrorRules::PAGE, reversal::ReversalRules::PAGE]
 }
 
 /// The adjusted unknowns, and the least squares behind them.
