@@ -2,29 +2,22 @@
 //! without one from the ground below them, shapes by direct linear transformation, static points by
 //! intersection of their rays.
 
-pub mod body_axes;
-pub mod dlt;
-pub mod forward;
-pub mod found_poses;
-pub mod left_behind;
-pub mod motion_program;
-pub mod pattern;
 pub mod resection;
-pub mod rigid_motion;
-pub mod robust_dlt;
-pub mod triangulation;
+pub mod shape;
+pub mod vehicle_poses;
 
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::problem::{Problem, Role, Vehicle, VehicleObservation};
 use crate::residuals::inside_body::BODY_BOX_M;
 use crate::rules::{Rules, rules};
-use dlt::{LinearPoint, Sighting};
-pub use found_poses::MotionBounds;
-use found_poses::{FoundPoses, NoPoses, find_poses, points_left_behind};
 use nalgebra::Point3;
 use rayon::prelude::*;
 pub use resection::{NotResectable, Resection};
+use shape::dlt::{LinearPoint, Sighting};
+use shape::{robust_dlt, triangulation};
+pub use vehicle_poses::MotionBounds;
+use vehicle_poses::{FoundPoses, NoPoses, find_poses, static_points};
 
 rules! {
     /// The first estimate.
@@ -45,15 +38,15 @@ const RULES: InitialiseRules = InitialiseRules::DEFAULT;
 /// The constants of the first estimate.
 pub fn constants() -> Vec<Rules> {
     let of_poses = [
-        forward::ForwardRules::PAGE,
-        left_behind::StaticTrackRules::PAGE,
-        rigid_motion::PlaneMotionRules::PAGE,
-        pattern::PlaneAdjustmentRules::PAGE,
-        motion_program::MotionRules::PAGE,
-        body_axes::BodyAxesRules::PAGE,
-        found_poses::FoundPoseRules::PAGE,
+        vehicle_poses::forward::ForwardRules::PAGE,
+        vehicle_poses::static_tracks::StaticTrackRules::PAGE,
+        vehicle_poses::plane_motion::PlaneMotionRules::PAGE,
+        vehicle_poses::plane_adjustment::PlaneAdjustmentRules::PAGE,
+        vehicle_poses::motion_program::MotionRules::PAGE,
+        vehicle_poses::body_axes::BodyAxesRules::PAGE,
+        vehicle_poses::FoundPoseRules::PAGE,
     ];
-    let of_shapes = [dlt::DltRules::PAGE, triangulation::TriangulationRules::PAGE];
+    let of_shapes = [shape::dlt::DltRules::PAGE, shape::triangulation::TriangulationRules::PAGE];
     [InitialiseRules::PAGE]
         .into_iter()
         .chain(resection::constants())
@@ -91,7 +84,7 @@ pub fn initialise(problem: &Problem, method: Method) -> Result<Initial, NotResec
 
 /// The first estimate of a problem. Cameras without a given pose are resected from control targets; the
 /// error says why no pose can be had. Where a vehicle has no pose in a frame in which it is seen, its
-/// poses are found ([`found_poses`]) within `bounds`.
+/// poses are found ([`vehicle_poses`]) within `bounds`.
 pub fn initialise_within(
     problem: &Problem,
     method: Method,
@@ -190,9 +183,9 @@ fn find_shape(
 }
 
 /// For each vehicle and point whether its track stays behind on the ground while the others drive on.
-pub fn tracks_left_behind(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<bool>> {
+pub fn static_tracks(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<bool>> {
     let of_vehicle = |vehicle: &Vehicle| match &problem.ground {
-        Some(ground) => points_left_behind(vehicle, &problem.camera, camera_poses, &ground.terrain),
+        Some(ground) => static_points(vehicle, &problem.camera, camera_poses, &ground.terrain),
         None => vec![false; vehicle.points.len()],
     };
     problem.vehicles.par_iter().map(of_vehicle).collect()

@@ -21,7 +21,7 @@
 use super::OUTLIER_SIGMAS;
 use super::outcome::{Fits, ObservationFit};
 use crate::estimate::{Estimate, Imaging};
-use crate::initialise::{point_anew, tracks_left_behind};
+use crate::initialise::{point_anew, static_tracks};
 use crate::problem::{Problem, Role};
 use crate::rules::rules;
 use crate::stats::quantile::{upper_median, value_at_share};
@@ -55,18 +55,18 @@ const RULES: GrossErrorRules = GrossErrorRules::DEFAULT;
 
 /// What became of an image point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum ImagePointVerdict {
     /// It took part.
     Used,
     /// It took part, with less than half of its weight.
     DownWeighted,
     /// It took no part.
-    Rejected(Reason),
+    Rejected(RejectionReason),
 }
 
 /// Why an image point took no part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reason {
+pub enum RejectionReason {
     /// It is a gross error by itself.
     ImagePoint,
     /// Its track is one as a whole: it is not of this body, or not of this target.
@@ -81,32 +81,32 @@ pub enum Reason {
     CheckPoint,
 }
 
-impl Reason {
+impl RejectionReason {
     /// All of them.
-    pub const ALL: [Reason; 6] = [
-        Reason::ImagePoint,
-        Reason::Track,
-        Reason::Frame,
-        Reason::BehindCamera,
-        Reason::NoCoordinates,
-        Reason::CheckPoint,
+    pub const ALL: [RejectionReason; 6] = [
+        RejectionReason::ImagePoint,
+        RejectionReason::Track,
+        RejectionReason::Frame,
+        RejectionReason::BehindCamera,
+        RejectionReason::NoCoordinates,
+        RejectionReason::CheckPoint,
     ];
 
     /// Its name in a report.
     pub fn name(self) -> &'static str {
         match self {
-            Reason::ImagePoint => "image_point",
-            Reason::Track => "track",
-            Reason::Frame => "frame",
-            Reason::BehindCamera => "behind_camera",
-            Reason::NoCoordinates => "no_coordinates",
-            Reason::CheckPoint => "check_point",
+            RejectionReason::ImagePoint => "image_point",
+            RejectionReason::Track => "track",
+            RejectionReason::Frame => "frame",
+            RejectionReason::BehindCamera => "behind_camera",
+            RejectionReason::NoCoordinates => "no_coordinates",
+            RejectionReason::CheckPoint => "check_point",
         }
     }
 
     /// Whether it is a gross error of the image point.
     pub fn is_gross(self) -> bool {
-        matches!(self, Reason::ImagePoint | Reason::Track | Reason::Frame)
+        matches!(self, RejectionReason::ImagePoint | RejectionReason::Track | RejectionReason::Frame)
     }
 }
 
@@ -117,27 +117,31 @@ pub struct Tally {
     pub used: usize,
     /// That took part with less than half of their weight.
     pub down_weighted: usize,
-    /// That took no part, in the order of [`Reason::ALL`].
-    pub rejected: [usize; Reason::ALL.len()],
+    /// That took no part, in the order of [`RejectionReason::ALL`].
+    pub rejected: [usize; RejectionReason::ALL.len()],
 }
 
 impl Tally {
-    fn count(&mut self, verdict: Verdict) {
+    fn count(&mut self, verdict: ImagePointVerdict) {
         match verdict {
-            Verdict::Used => self.used += 1,
-            Verdict::DownWeighted => self.down_weighted += 1,
-            Verdict::Rejected(reason) => self.rejected[reason as usize] += 1,
+            ImagePointVerdict::Used => self.used += 1,
+            ImagePointVerdict::DownWeighted => self.down_weighted += 1,
+            ImagePointVerdict::Rejected(reason) => self.rejected[reason as usize] += 1,
         }
     }
 
     /// Rejected for this reason.
-    pub fn of(&self, reason: Reason) -> usize {
+    pub fn of(&self, reason: RejectionReason) -> usize {
         self.rejected[reason as usize]
     }
 
     /// Gross errors of all three kinds.
     pub fn gross(&self) -> usize {
-        Reason::ALL.into_iter().filter(|reason| reason.is_gross()).map(|reason| self.of(reason)).sum()
+        RejectionReason::ALL
+            .into_iter()
+            .filter(|reason| reason.is_gross())
+            .map(|reason| self.of(reason))
+            .sum()
     }
 
     /// All that were given.
@@ -150,9 +154,9 @@ impl Tally {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdicts {
     /// For each vehicle one for each of its observations.
-    pub vehicles: Vec<Vec<Verdict>>,
+    pub vehicles: Vec<Vec<ImagePointVerdict>>,
     /// One for each target observation.
-    pub targets: Vec<Verdict>,
+    pub targets: Vec<ImagePointVerdict>,
 }
 
 impl Verdicts {
@@ -168,9 +172,9 @@ impl Verdicts {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Excluded {
     /// For each vehicle one for each of its observations.
-    pub vehicles: Vec<Vec<Option<Reason>>>,
+    pub vehicles: Vec<Vec<Option<RejectionReason>>>,
     /// One for each target observation.
-    pub targets: Vec<Option<Reason>>,
+    pub targets: Vec<Option<RejectionReason>>,
 }
 
 impl Excluded {
@@ -197,11 +201,11 @@ impl Excluded {
     /// points of a frame.
     pub fn suspected(problem: &Problem, start: &Estimate) -> Excluded {
         let mut excluded = Excluded::nothing(problem);
-        let is_left = tracks_left_behind(problem, &start.camera_poses);
+        let is_left = static_tracks(problem, &start.camera_poses);
         for ((vehicle, is_left), reasons) in problem.vehicles.iter().zip(&is_left).zip(&mut excluded.vehicles)
         {
             for (o, reason) in vehicle.observations.iter().zip(reasons) {
-                *reason = is_left[o.point].then_some(Reason::Track);
+                *reason = is_left[o.point].then_some(RejectionReason::Track);
             }
         }
         for (set, reasons) in sets(problem, start).iter().zip(excluded.sets_mut()) {
@@ -221,7 +225,7 @@ impl Excluded {
                     .unwrap_or(0.0);
             let limit = RULES.suspect_factor * good.max(OUTLIER_SIGMAS);
             for (_, track) in scores.into_iter().filter(|(score, _)| *score > limit) {
-                track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
+                track.into_iter().for_each(|at| reasons[at] = Some(RejectionReason::Track));
             }
         }
         excluded
@@ -239,7 +243,8 @@ impl Excluded {
                 sets(problem, estimate).iter().zip(excluded.sets_mut()).zip(before)
             {
                 let judged = set.judge(limit).into_iter();
-                *reasons = judged.map(|reason| reason.filter(|r| *r != Reason::ImagePoint)).collect();
+                *reasons =
+                    judged.map(|reason| reason.filter(|r| *r != RejectionReason::ImagePoint)).collect();
                 let left_in = reasons.iter().filter(|reason| reason.is_none()).count();
                 if (left_in as f64) < RULES.least_left_share * reasons.len() as f64 {
                     reasons.clone_from(before);
@@ -258,7 +263,7 @@ impl Excluded {
         let judged = judge(&anew);
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             for (o, reason) in vehicle.observations.iter().zip(&judged.vehicles[at]) {
-                if *reason == Some(Reason::Track) {
+                if *reason == Some(RejectionReason::Track) {
                     // Where few of its rays happen to meet may be anywhere.
                     anew.vehicles[at].points[o.point] = estimate.vehicles[at].points[o.point];
                 }
@@ -274,7 +279,7 @@ impl Excluded {
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let mut is_out = vec![false; vehicle.points.len()];
             for (o, reason) in vehicle.observations.iter().zip(&self.vehicles[at]) {
-                is_out[o.point] |= *reason == Some(Reason::Track);
+                is_out[o.point] |= *reason == Some(RejectionReason::Track);
             }
             // A point that has no coordinates gets none: the unknowns stay the same.
             let has = |point: &usize| estimate.vehicles[at].points[*point].is_some();
@@ -302,7 +307,7 @@ impl Excluded {
         anew
     }
 
-    fn sets_mut(&mut self) -> impl Iterator<Item = &mut Vec<Option<Reason>>> {
+    fn sets_mut(&mut self) -> impl Iterator<Item = &mut Vec<Option<RejectionReason>>> {
         self.vehicles.iter_mut().chain([&mut self.targets])
     }
 }
@@ -321,11 +326,13 @@ pub fn verdicts(
     for ((set, fits), out) in sets(problem, estimate).iter().zip(all_fits).zip(all_out) {
         let judged = set.judge(limit);
         let one = |at: usize| match (out[at], set.seen[at].kind, &fits[at]) {
-            (_, Kind::Check, _) => Verdict::Rejected(Reason::CheckPoint),
-            (Some(reason), ..) => Verdict::Rejected(reason),
-            (None, Kind::WithoutCoordinates, _) => Verdict::Rejected(Reason::NoCoordinates),
-            (None, Kind::Point, None) => Verdict::Rejected(Reason::BehindCamera),
-            (None, Kind::Point, Some(fit)) => judged[at].map_or(of_weight(fit), Verdict::Rejected),
+            (_, Kind::Check, _) => ImagePointVerdict::Rejected(RejectionReason::CheckPoint),
+            (Some(reason), ..) => ImagePointVerdict::Rejected(reason),
+            (None, Kind::WithoutCoordinates, _) => {
+                ImagePointVerdict::Rejected(RejectionReason::NoCoordinates)
+            }
+            (None, Kind::Point, None) => ImagePointVerdict::Rejected(RejectionReason::BehindCamera),
+            (None, Kind::Point, Some(fit)) => judged[at].map_or(of_weight(fit), ImagePointVerdict::Rejected),
         };
         verdicts.push((0..set.seen.len()).map(one).collect::<Vec<_>>());
     }
@@ -333,8 +340,8 @@ pub fn verdicts(
     Verdicts { vehicles: verdicts, targets }
 }
 
-fn of_weight(fit: &ObservationFit) -> Verdict {
-    if fit.weight < RULES.full_weight { Verdict::DownWeighted } else { Verdict::Used }
+fn of_weight(fit: &ObservationFit) -> ImagePointVerdict {
+    if fit.weight < RULES.full_weight { ImagePointVerdict::DownWeighted } else { ImagePointVerdict::Used }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -413,11 +420,11 @@ impl Set {
         self.seen[at].whitened.is_some_and(|residual| residual.norm() <= limit)
     }
 
-    fn judge(&self, limit: f64) -> Vec<Option<Reason>> {
+    fn judge(&self, limit: f64) -> Vec<Option<RejectionReason>> {
         let mut reasons = vec![None; self.seen.len()];
         for track in self.tracks() {
             if self.is_gross_as_a_whole(&track, limit) {
-                track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
+                track.into_iter().for_each(|at| reasons[at] = Some(RejectionReason::Track));
             }
         }
         let mut frames = vec![Vec::new(); self.frames];
@@ -426,12 +433,12 @@ impl Set {
         }
         for frame in frames {
             if self.is_gross_as_a_whole(&frame, limit) {
-                frame.into_iter().for_each(|at| reasons[at] = Some(Reason::Frame));
+                frame.into_iter().for_each(|at| reasons[at] = Some(RejectionReason::Frame));
             }
         }
         for (reason, seen) in reasons.iter_mut().zip(&self.seen) {
             if reason.is_none() && seen.whitened.is_some_and(|w| w.norm() > limit) {
-                *reason = Some(Reason::ImagePoint);
+                *reason = Some(RejectionReason::ImagePoint);
             }
         }
         reasons
@@ -474,7 +481,7 @@ mod tests {
         Set { seen: (0..200).map(one).collect(), points: 5, frames: 40 }
     }
 
-    fn count(reasons: &[Option<Reason>], reason: Reason) -> usize {
+    fn count(reasons: &[Option<RejectionReason>], reason: RejectionReason) -> usize {
         reasons.iter().filter(|found| **found == Some(reason)).count()
     }
 
@@ -486,7 +493,7 @@ mod tests {
         });
         let fitting = (0..40).filter(|frame| crossing.fits(5 * frame, LIMIT)).count();
         let reasons = crossing.judge(LIMIT);
-        assert!(fitting > 0 && count(&reasons, Reason::Track) == 40, "{fitting}");
+        assert!(fitting > 0 && count(&reasons, RejectionReason::Track) == 40, "{fitting}");
         assert_eq!(reasons.iter().flatten().count(), 40);
     }
 
@@ -494,21 +501,27 @@ mod tests {
     fn errors_that_come_alone_are_rejected_alone_even_where_they_are_most_of_a_track() {
         let scattered = set(|frame, point| Some(if point == 2 && frame % 5 > 1 { 90.0 } else { 1.0 }));
         let reasons = scattered.judge(LIMIT);
-        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::ImagePoint)], [0, 24]);
+        assert_eq!(
+            [count(&reasons, RejectionReason::Track), count(&reasons, RejectionReason::ImagePoint)],
+            [0, 24]
+        );
         let all = set(|frame, point| Some(if point == 2 && frame > 0 { 90.0 } else { 1.0 }));
-        assert_eq!(count(&all.judge(LIMIT), Reason::Track), 40);
+        assert_eq!(count(&all.judge(LIMIT), RejectionReason::Track), 40);
     }
 
     #[test]
     fn a_frame_is_judged_by_what_wrong_tracks_leave_of_it() {
         let set = set(|frame, point| Some(if point < 1 || frame == 7 { 60.0 } else { 1.0 }));
         let reasons = set.judge(LIMIT);
-        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::Frame)], [40, 4]);
+        assert_eq!(
+            [count(&reasons, RejectionReason::Track), count(&reasons, RejectionReason::Frame)],
+            [40, 4]
+        );
     }
 
     #[test]
     fn what_lies_behind_the_camera_is_gross_as_can_be() {
         let set = set(|_, point| if point == 3 { None } else { Some(1.0) });
-        assert_eq!(count(&set.judge(LIMIT), Reason::Track), 40);
+        assert_eq!(count(&set.judge(LIMIT), RejectionReason::Track), 40);
     }
 }

@@ -34,7 +34,7 @@ pub use body_frame::{BodyFrame, frame_step, point_motion, pose_motion};
 pub use datum::{camera_gap, scale_gap};
 pub use directed_tests::{CRITICAL, DirectedTest};
 pub use expected::expected;
-pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
+pub use gross_errors::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verdicts};
 pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, Order, Strengths};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
@@ -42,8 +42,8 @@ pub use receivers::{antenna, positions_at};
 pub use schedule::RoundSchedule;
 
 use crate::estimate::Estimate;
-use crate::initialise::body_axes::heading_of_travel;
 use crate::initialise::start_anew;
+use crate::initialise::vehicle_poses::body_axes::heading_of_travel;
 use crate::problem::Problem;
 use crate::rules::Rules;
 use directed_tests::{Held, directed_tests};

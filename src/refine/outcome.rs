@@ -2,7 +2,7 @@
 
 use super::Network;
 use super::directed_tests::DirectedTest;
-use super::gross_errors::{self, Excluded, Tally, Verdict, Verdicts};
+use super::gross_errors::{self, Excluded, ImagePointVerdict, Tally, Verdicts};
 use super::model::Model;
 use super::motion::BodyStrength;
 use crate::estimate::{Estimate, Imaging};
@@ -250,7 +250,7 @@ impl Fits {
         let sets = fits.vehicles.iter_mut().chain([&mut fits.targets]);
         for ((fits, verdicts), excluded) in sets.zip(verdicts).zip(excluded) {
             for ((fit, verdict), out) in fits.iter_mut().zip(verdicts).zip(excluded) {
-                let (Some(fit), Verdict::Rejected(reason)) = (fit, verdict) else { continue };
+                let (Some(fit), ImagePointVerdict::Rejected(reason)) = (fit, verdict) else { continue };
                 fit.is_outlier = reason.is_gross();
                 // A loss that never lets go of an image point has kept what is a gross error.
                 if image_loss.redescends() || !fit.is_outlier || out.is_some() {

@@ -1,7 +1,7 @@
 //! Image points and what became of them.
 
 use crate::problem::{Problem, Role};
-use crate::refine::{ObservationFit, Reason, Verdict};
+use crate::refine::{ImagePointVerdict, ObservationFit, RejectionReason};
 use nalgebra::Vector2;
 use trackbundle_viz as viz;
 
@@ -18,12 +18,12 @@ pub struct Judged {
 
 impl Judged {
     /// By how it fits.
-    pub fn by(fit: &Option<ObservationFit>, verdict: Verdict) -> Self {
+    pub fn by(fit: &Option<ObservationFit>, verdict: ImagePointVerdict) -> Self {
         Judged {
             residual_px: fit.map(|fit| fit.residual_px),
-            took_part: matches!(verdict, Verdict::Used | Verdict::DownWeighted),
+            took_part: matches!(verdict, ImagePointVerdict::Used | ImagePointVerdict::DownWeighted),
             rejected: match verdict {
-                Verdict::Rejected(reason) if reason.is_gross() => Some(told(reason)),
+                ImagePointVerdict::Rejected(reason) if reason.is_gross() => Some(told(reason)),
                 _ => None,
             },
         }
@@ -31,14 +31,14 @@ impl Judged {
 }
 
 /// A reason as it stands beside an image point.
-pub fn told(reason: Reason) -> &'static str {
+pub fn told(reason: RejectionReason) -> &'static str {
     match reason {
-        Reason::ImagePoint => "rejected alone",
-        Reason::Track => "rejected with its whole track",
-        Reason::Frame => "rejected with its whole frame",
-        Reason::BehindCamera => "behind the camera",
-        Reason::NoCoordinates => "without coordinates",
-        Reason::CheckPoint => "check point",
+        RejectionReason::ImagePoint => "rejected alone",
+        RejectionReason::Track => "rejected with its whole track",
+        RejectionReason::Frame => "rejected with its whole frame",
+        RejectionReason::BehindCamera => "behind the camera",
+        RejectionReason::NoCoordinates => "without coordinates",
+        RejectionReason::CheckPoint => "check point",
     }
 }
 

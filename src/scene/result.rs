@@ -6,7 +6,7 @@ use super::pose;
 use crate::files::{ResultPoint, ResultPoses, ResultResidual, ResultTracks, TrackPosition};
 use crate::geometry::Pose;
 use crate::problem::Problem;
-use crate::refine::Reason;
+use crate::refine::RejectionReason;
 use std::collections::HashMap;
 use trackbundle_viz as viz;
 
@@ -118,11 +118,11 @@ impl<'a> Residuals<'a> {
     fn of(&self, frame: i64, vehicle: Option<&str>, point: &str) -> Judged {
         let Some(residual) = self.all.get(&(frame, vehicle, point)) else { return Judged::default() };
         let reason = if self.tracks.get(&(vehicle, point)) == Some(&true) {
-            Reason::Track
+            RejectionReason::Track
         } else if self.frames.get(&(frame, vehicle)) == Some(&true) {
-            Reason::Frame
+            RejectionReason::Frame
         } else {
-            Reason::ImagePoint
+            RejectionReason::ImagePoint
         };
         let is_rejected = residual.weight == 0.0;
         Judged {

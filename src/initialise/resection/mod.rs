@@ -77,12 +77,12 @@ pub enum Status {
     /// From control points.
     Resected,
     /// From its neighbours.
-    Bridged(Reason),
+    Bridged(BridgeReason),
 }
 
 /// Why a frame was not resected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
+pub enum BridgeReason {
     /// Fewer than three control points with three known coordinates are in view.
     TooFew,
     /// They are nearly on one line: the rotation about it is open.
@@ -241,7 +241,7 @@ struct Film<'a> {
     /// Poses that fit each frame, the best first.
     fits: Vec<Vec<Fit>>,
     /// The fit of each frame that is decided, or why it is not.
-    chosen: Vec<Result<Fit, Reason>>,
+    chosen: Vec<Result<Fit, BridgeReason>>,
 }
 
 impl Film<'_> {
@@ -250,48 +250,48 @@ impl Film<'_> {
     }
 
     /// What a frame says by itself.
-    fn alone(&self, at: usize) -> Result<Fit, Reason> {
+    fn alone(&self, at: usize) -> Result<Fit, BridgeReason> {
         let seen = self.sightings[at].len();
         let Some(best) = self.fits[at].first() else {
             return Err(match seen {
-                0..3 => Reason::TooFew,
-                _ if is_on_a_line(&self.sightings[at]) => Reason::OnALine,
-                _ => Reason::Contradictory,
+                0..3 => BridgeReason::TooFew,
+                _ if is_on_a_line(&self.sightings[at]) => BridgeReason::OnALine,
+                _ => BridgeReason::Contradictory,
             });
         };
         let is_rivalled =
             self.fits[at].get(1).is_some_and(|next| next.rating() < best.rating() + RULES.rival_margin);
         if is_rivalled && self.fits[at].iter().any(|fit| self.is_sound(at, fit).is_ok()) {
-            return Err(Reason::Ambiguous);
+            return Err(BridgeReason::Ambiguous);
         }
         self.is_sound(at, best)?;
         match best.used() {
             // Three points that allow one pose only are not checked by a fourth, but nothing is against it.
             used if used >= RULES.checked_points || seen == 3 => Ok(best.clone()),
-            _ => Err(Reason::Ambiguous),
+            _ => Err(BridgeReason::Ambiguous),
         }
     }
 
     /// Whether three points, and at least half of those in view, agree on a fit and determine it.
-    fn is_sound(&self, at: usize, fit: &Fit) -> Result<(), Reason> {
+    fn is_sound(&self, at: usize, fit: &Fit) -> Result<(), BridgeReason> {
         let used = fit.used();
         if used < 3 || 2 * used < self.sightings[at].len() {
-            return Err(Reason::Contradictory);
+            return Err(BridgeReason::Contradictory);
         }
         self.is_determined(at, fit)
     }
 
     /// Whether the points that agree on a fit determine it.
-    fn is_determined(&self, at: usize, fit: &Fit) -> Result<(), Reason> {
+    fn is_determined(&self, at: usize, fit: &Fit) -> Result<(), BridgeReason> {
         let inside = self.sightings[at].iter().zip(&fit.norms).filter(|(_, norm)| **norm <= GROSS_SIGMAS);
         if is_on_a_line(inside.map(|(sighting, _)| sighting)) {
-            return Err(Reason::OnALine);
+            return Err(BridgeReason::OnALine);
         }
         match fit.largest_sigmas() {
             Some([position_m, rad]) if position_m <= RULES.most_sigma[0] && rad <= RULES.most_sigma[1] => {
                 Ok(())
             }
-            _ => Err(Reason::PoorlySpread),
+            _ => Err(BridgeReason::PoorlySpread),
         }
     }
 
@@ -377,7 +377,7 @@ impl Film<'_> {
             if outcasts.is_empty() {
                 break;
             }
-            outcasts.into_iter().for_each(|at| self.chosen[at] = Err(Reason::Contradictory));
+            outcasts.into_iter().for_each(|at| self.chosen[at] = Err(BridgeReason::Contradictory));
         }
     }
 
@@ -385,8 +385,8 @@ impl Film<'_> {
     /// frame, or of one in which less than half of the points agree.
     fn most_probable(&self, at: usize) -> Option<Fit> {
         let is_likely = |fit: &Fit| match &self.chosen[at] {
-            Err(Reason::Ambiguous) => self.is_sound(at, fit).is_ok(),
-            Err(Reason::Contradictory) => {
+            Err(BridgeReason::Ambiguous) => self.is_sound(at, fit).is_ok(),
+            Err(BridgeReason::Contradictory) => {
                 fit.used() >= RULES.checked_points && self.is_determined(at, fit).is_ok()
             }
             _ => false,
@@ -467,15 +467,16 @@ impl Film<'_> {
 
     /// Why no frame at all was resected: the reason of the frames that came farthest.
     fn why_none(&self) -> NotResectable {
-        let reasons: Vec<Reason> = self.chosen.iter().filter_map(|c| c.as_ref().err().copied()).collect();
-        let is_there = |reason: Reason| reasons.contains(&reason);
-        if is_there(Reason::Ambiguous) {
+        let reasons: Vec<BridgeReason> =
+            self.chosen.iter().filter_map(|c| c.as_ref().err().copied()).collect();
+        let is_there = |reason: BridgeReason| reasons.contains(&reason);
+        if is_there(BridgeReason::Ambiguous) {
             NotResectable::Ambiguous
-        } else if is_there(Reason::PoorlySpread) {
+        } else if is_there(BridgeReason::PoorlySpread) {
             NotResectable::PoorlySpread
-        } else if is_there(Reason::OnALine) {
+        } else if is_there(BridgeReason::OnALine) {
             NotResectable::OnALine
-        } else if is_there(Reason::Contradictory) {
+        } else if is_there(BridgeReason::Contradictory) {
             NotResectable::Contradictory
         } else {
             NotResectable::TooFew { most: self.sightings.iter().map(Vec::len).max().unwrap_or(0) }

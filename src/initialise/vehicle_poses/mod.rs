@@ -5,19 +5,26 @@
 //! motion, heights and pattern adjusted together; again with each point's own height; then the body in
 //! the pattern, and the motion as a cone program.
 
-use super::body_axes::{Heading, place_body, scatter};
-use super::forward::{Foot, feet};
-use super::left_behind::left_behind;
-use super::motion_program::{self, Bound, Excess, Limits};
-use super::pattern::{KnownHeight, Pattern};
-use super::rigid_motion::{PlanePose, chain};
+pub mod body_axes;
+pub mod forward;
+pub mod motion_program;
+pub mod plane_adjustment;
+pub mod plane_motion;
+pub mod static_tracks;
+
 use crate::camera::Camera;
 use crate::geometry::{Pose, heading_rad};
 use crate::problem::{Frame, Vehicle};
 use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use crate::terrain::{Ground, Terrain};
+use body_axes::{Heading, place_body, scatter};
+use forward::{Foot, feet};
+use motion_program::{Bound, Excess, Limits};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use plane_adjustment::{KnownHeight, Pattern};
+use plane_motion::{PlanePose, chain};
+use static_tracks::static_tracks;
 use std::f64::consts::TAU;
 
 rules! {
@@ -199,8 +206,8 @@ fn stand(place_m: Vector2<f64>, heading_rad: f64, ground: &Ground) -> Pose {
     Pose::from_parts(Translation3::from(place_m.push(ground.height_m)), rotation)
 }
 
-/// For each point of a vehicle whether its track stays behind while the others drive on ([`left_behind`]).
-pub fn points_left_behind(
+/// For each point of a vehicle whether its track stays behind while the others drive on ([`static_tracks`]).
+pub fn static_points(
     vehicle: &Vehicle,
     camera: &Camera,
     camera_poses: &[Pose],
@@ -208,7 +215,7 @@ pub fn points_left_behind(
 ) -> Vec<bool> {
     let (_, heights) = first_heights(vehicle);
     let met = feet(&vehicle.observations, camera, camera_poses, &heights, terrain);
-    left_behind(&met, camera_poses.len(), vehicle.points.len())
+    static_tracks(&met, camera_poses.len(), vehicle.points.len())
 }
 
 /// The mean height of the points of a vehicle, and that of each as far as it is known beforehand \[m\].
@@ -240,7 +247,7 @@ fn find_pattern(
     let (mean_m, mut heights) = first_heights(vehicle);
     let meet = |heights: &[f64]| feet(&vehicle.observations, camera, camera_poses, heights, terrain);
     let mut met: Vec<Foot> = meet(&heights);
-    let is_left = left_behind(&met, frames, vehicle.points.len());
+    let is_left = static_tracks(&met, frames, vehicle.points.len());
     let meet = |heights: &[f64]| -> Vec<Foot> {
         meet(heights).into_iter().filter(|foot| !is_left[foot.point]).collect()
     };

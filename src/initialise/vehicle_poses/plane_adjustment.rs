@@ -12,7 +12,7 @@
 //! so that the mean height needs to be known: from points of known height, else from what cars have.
 
 use super::forward::Foot;
-use super::rigid_motion::{Chain, PlanePose};
+use super::plane_motion::{Chain, PlanePose};
 use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix2x3, Matrix3, Rotation2, Vector2, Vector3};

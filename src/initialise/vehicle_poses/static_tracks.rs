@@ -34,7 +34,7 @@ rules! {
 const RULES: StaticTrackRules = StaticTrackRules::DEFAULT;
 
 /// For each point whether its track is left behind. `feet` are sorted by frame.
-pub fn left_behind(feet: &[Foot], frames: usize, points: usize) -> Vec<bool> {
+pub fn static_tracks(feet: &[Foot], frames: usize, points: usize) -> Vec<bool> {
     let mut tracks: Vec<Vec<(usize, Vector2<f64>)>> = vec![Vec::new(); points];
     feet.iter().for_each(|foot| tracks[foot.point].push((foot.frame, foot.place_m)));
     let own: Vec<Option<Vector2<f64>>> = tracks.iter().map(|track| shift_m(track, |_| true)).collect();
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn tracks_on_the_road_are_told_from_those_that_drive_on_also_where_they_are_more() {
         for (staying, gross) in [(0, 0.4), (3, 0.0), (15, 0.0), (18, 0.3)] {
-            let found = left_behind(&feet(staying, 10.0, gross), 60, 30);
+            let found = static_tracks(&feet(staying, 10.0, gross), 60, 30);
             let wanted: Vec<bool> = (0..30).map(|point| point < staying).collect();
             assert_eq!(found, wanted, "{staying} of 30 stay");
         }
@@ -118,9 +118,9 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_stands_is_left_whole() {
-        assert_eq!(left_behind(&feet(0, 0.0, 0.3), 60, 30), [false; 30]);
+        assert_eq!(static_tracks(&feet(0, 0.0, 0.3), 60, 30), [false; 30]);
         // Two tracks that drive on are not the vehicle.
-        assert_eq!(left_behind(&feet(28, 10.0, 0.0), 60, 30), [false; 30]);
-        assert!(left_behind(&[], 60, 30).iter().all(|left| !left));
+        assert_eq!(static_tracks(&feet(28, 10.0, 0.0), 60, 30), [false; 30]);
+        assert!(static_tracks(&[], 60, 30).iter().all(|left| !left));
     }
 }

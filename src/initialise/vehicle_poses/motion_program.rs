@@ -15,7 +15,7 @@
 //! to `n` frames in a row are overruled; where more than that demand it, the bound gives way, and which
 //! one, when and by how much is reported. Frames without a datum lie where the motion is smoothest.
 
-use super::robust_dlt::Triplets;
+use crate::initialise::shape::robust_dlt::Triplets;
 use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use clarabel::algebra::CscMatrix;

@@ -12,8 +12,8 @@
 //! axle, because in a steady turn the two cannot be told apart. The sign is that of the larger distance
 //! travelled. A body that hardly moves has the long axis of its pattern, whose sign is a guess.
 
-use super::pattern::Pattern;
-use super::rigid_motion::PlanePose;
+use super::plane_adjustment::Pattern;
+use super::plane_motion::PlanePose;
 use crate::geometry::{Pose, heading_rad};
 use crate::problem::ShapePoint;
 use crate::rules::rules;
