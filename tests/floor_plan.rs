@@ -25,7 +25,11 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
     (4, "estimate", &["problem", "camera", "geometry", "trajectory"]),
     (3, "trajectory", &["geometry", "stats"]),
     (5, "files", &["tables", "camera", "terrain", "geometry", "problem", "estimate"]),
-    (5, "initialise", &["residuals", "estimate", "problem", "camera", "terrain", "geometry", "stats"]),
+    (
+        5,
+        "initialise",
+        &["residuals", "estimate", "problem", "camera", "terrain", "geometry", "stats", "rules"],
+    ),
     (
         6,
         "network",
@@ -56,9 +60,10 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "problem",
             "geometry",
             "stats",
+            "rules",
         ],
     ),
-    (6, "evaluate", &["cloud", "files", "reference", "clock", "geometry", "stats"]),
+    (6, "evaluate", &["cloud", "files", "reference", "clock", "geometry", "stats", "rules"]),
     (
         6,
         "simulate",
@@ -117,6 +122,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "scene",
             "simulate",
             "study",
+            "rules",
         ],
     ),
 ];

@@ -17,7 +17,7 @@ use trackbundle::estimate::Estimate;
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjustment, Reason, RefineOptions, Verdict, refine};
+use trackbundle::refine::{Adjustment, ImagePointVerdict, RefineOptions, RejectionReason, refine};
 
 struct Run {
     problem: Problem,
@@ -61,7 +61,7 @@ impl Run {
         let all = fits.vehicles.iter().flatten().zip(fits.verdicts.vehicles.iter().flatten());
         for (fit, verdict) in all.chain(fits.targets.iter().zip(&fits.verdicts.targets)) {
             let Some(fit) = fit else { continue };
-            let is_rejected = matches!(verdict, Verdict::Rejected(_));
+            let is_rejected = matches!(verdict, ImagePointVerdict::Rejected(_));
             assert_eq!(is_rejected, fit.weight == 0.0, "{verdict:?} {fit:?}");
         }
     }
@@ -148,8 +148,8 @@ fn whole_tracks_are_rejected_as_such_and_get_no_coordinates() {
         assert_eq!(place.is_none(), is_gross, "{}", point.id);
     }
     let tally = end.adjustment.fits.tally;
-    assert_eq!(tally.of(Reason::Track), end.gross.of_vehicles.len());
-    assert_eq!(tally.of(Reason::ImagePoint) + tally.of(Reason::Frame), 0);
+    assert_eq!(tally.of(RejectionReason::Track), end.gross.of_vehicles.len());
+    assert_eq!(tally.of(RejectionReason::ImagePoint) + tally.of(RejectionReason::Frame), 0);
 }
 
 #[test]
@@ -159,7 +159,10 @@ fn whole_frames_are_rejected_as_such() {
         let end = run(&Drive { seed: 2, ..Default::default() }, &what, raw);
         assert_eq!(f1(end.counts()), 1.0, "{:?}", end.counts());
         let tally = end.adjustment.fits.tally;
-        assert_eq!(tally.of(Reason::Frame), end.gross.of_vehicles.len() + end.gross.of_targets.len());
+        assert_eq!(
+            tally.of(RejectionReason::Frame),
+            end.gross.of_vehicles.len() + end.gross.of_targets.len()
+        );
         assert!(end.track_rms_m() < 0.015, "{}", end.track_rms_m());
     }
 }

@@ -5,7 +5,7 @@ use crate::evaluate::alignment::{Aligned, Alignment};
 use crate::evaluate::clock::ClockOffset;
 use crate::evaluate::pairs::Association;
 use crate::evaluate::shape::ShapeComparison;
-use crate::evaluate::statistics::Statistics;
+use crate::evaluate::statistics::DifferenceStatistics;
 use crate::evaluate::track::{SpeedSource, TrackComparison};
 use crate::evaluate::{Clock, EvaluateOptions, Evaluation, VehicleEvaluation};
 
@@ -119,8 +119,8 @@ fn describe_clock(clock: &ClockOffset) -> String {
 }
 
 /// A row of statistics: median `m` and median absolute deviation `D` by the names of the literature.
-fn row(name: &str, index: &str, unit: &str, found: &Statistics) -> String {
-    let Statistics { median, mad, mad_sigma, mean, rms, abs_95, .. } = found;
+fn row(name: &str, index: &str, unit: &str, found: &DifferenceStatistics) -> String {
+    let DifferenceStatistics { median, mad, mad_sigma, mean, rms, abs_95, .. } = found;
     format!(
         "{name:12}m_{index} {median:.4} {unit}, D_{index} {mad:.4} {unit} (x 1.4826: {mad_sigma:.4}), mean {mean:.4}, rms {rms:.4}, \
          95 % {abs_95:.4}\n"

@@ -3,6 +3,8 @@
 mod check;
 mod comparison;
 mod comparison_text;
+#[cfg(test)]
+mod constants;
 mod evaluate;
 mod evaluation_folder;
 mod initialise;

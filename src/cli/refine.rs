@@ -16,8 +16,8 @@ use crate::initialise::{Method, initialise};
 use crate::problem::Problem;
 use crate::reference::Reference;
 use crate::refine::{
-    Adjusted, Adjustment, Arrangement, Fits, MotionPrior, MotionPriors, Progress, Reason, RefineOptions,
-    adjust,
+    Adjusted, Adjustment, Arrangement, Fits, MotionPrior, MotionPriors, Progress, RefineOptions,
+    RejectionReason, adjust,
 };
 use crate::report::folder::{Holds, check_place};
 use crate::report::{
@@ -295,9 +295,9 @@ fn summary(adjustment: &Adjustment, report: &Report, verdict: Option<&Verdict>) 
     if tally.gross() > 0 {
         text += &format!(
             "rejected    {} by itself, {} with the track, {} with the frame; {} of {} used, {} of these with less than half the weight\n",
-            grouped(tally.of(Reason::ImagePoint)),
-            grouped(tally.of(Reason::Track)),
-            grouped(tally.of(Reason::Frame)),
+            grouped(tally.of(RejectionReason::ImagePoint)),
+            grouped(tally.of(RejectionReason::Track)),
+            grouped(tally.of(RejectionReason::Frame)),
             grouped(tally.used + tally.down_weighted),
             counted(tally.all(), "image point"),
             grouped(tally.down_weighted)

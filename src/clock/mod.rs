@@ -18,7 +18,7 @@ use argmin::core::{CostFunction, Error, Executor};
 use argmin::solver::brent::BrentOpt;
 use curve::Curve;
 use nalgebra::Vector2;
-use precision::{Precision, precision};
+use precision::{OffsetPrecision, precision};
 use trackbundle_solver::loss::{Loss, LossName, robust_spread};
 
 /// Offsets are sought up to this, on either side \[s\].
@@ -127,7 +127,7 @@ fn search(track: &Curve, reference: &Curve, shift: Shift) -> Result<ClockEstimat
     let candidates = candidates(&comparison, &scanned, 0.5 * track.step_s() * thin as f64)?;
     let best = *candidates.first().ok_or("the tracks have no numbers to compare")?;
     let (estimate, precision) = refine(&comparison, &samples, best.offset_s)?;
-    let Precision { change_mps, sigma_s, .. } = precision;
+    let OffsetPrecision { change_mps, sigma_s, .. } = precision;
     let far_s = (3.0 * sigma_s).max(2.0 * GRID_STEP_S);
     // Where the sigma alone is no reason, another minimum may be one.
     let other = candidates.iter().find(|c| {
@@ -228,7 +228,7 @@ fn refine(
     comparison: &Comparison,
     samples: &[Sample],
     start_s: f64,
-) -> Result<(ClockEstimate, Precision), String> {
+) -> Result<(ClockEstimate, OffsetPrecision), String> {
     let mut offset_s = start_s;
     let mut half_s = GRID_STEP_S;
     let mut scale_m = comparison.spread(&comparison.differences(samples, offset_s)).max(LEAST_SCALE_M);

@@ -41,7 +41,7 @@ const LARGEST_MEAN: f64 = 0.25;
 
 /// How well an offset is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Precision {
+pub struct OffsetPrecision {
     /// Its standard deviation \[s\].
     pub sigma_s: f64,
     /// What it is known by: the change of velocity (without a shift, the velocity), root mean square \[m/s\].
@@ -60,7 +60,7 @@ pub fn precision(
     reference: &Curve,
     offset_s: f64,
     shift: Shift,
-) -> Result<Precision, String> {
+) -> Result<OffsetPrecision, String> {
     let weights: Vec<f64> = residuals.iter().map(|r| loss.weight(r.norm_squared())).collect();
     let other: Vec<Sample> = samples
         .iter()
@@ -118,7 +118,7 @@ pub fn precision(
     if !(curvature > 0.0 && sigma_s.is_finite()) {
         return Err("what is left has no scale".to_owned());
     }
-    Ok(Precision { sigma_s, change_mps, independent, by_drift_s })
+    Ok(OffsetPrecision { sigma_s, change_mps, independent, by_drift_s })
 }
 
 /// The slope of a line fitted to the places within `half_s` of each, by their weights \[m/s\]; `None` where

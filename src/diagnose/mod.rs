@@ -27,12 +27,18 @@ pub use verdict::{Trust, Verdict};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::problem::{Problem, Vehicle};
 use crate::refine::{Adjusted, CheckPoint, Network, Source, alone};
+use crate::rules::Rules;
 use inner::{Inner, UNDETERMINED};
 use observability::{Observability, observability};
 use trackbundle_solver::covariance::{Covariance, NoCovariance};
 
 /// The most image points whose rows are examined for what they leave open: some kilobytes each.
 const MOST_EXAMINED: usize = 300_000;
+
+/// The constants of the diagnosis.
+pub fn constants() -> Vec<Rules> {
+    vec![parameters::ParameterRules::PAGE]
+}
 
 /// What can be said of a result.
 #[derive(Clone, Debug)]

@@ -16,14 +16,22 @@ use super::scale::{share, track_shift};
 use crate::estimate::{Estimate, USUAL_AXLE};
 use crate::problem::{Freedom, Problem};
 use crate::refine::{Model, Network, Source};
+use crate::rules::rules;
 use nalgebra::DMatrix;
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::system::BlockId;
 
 /// Correlations beyond this are worth a word.
 pub const CORRELATED: f64 = 0.95;
-/// Not observable is what is known to no less than this share of its standard deviation before.
-const NO_NEWS: f64 = 0.95;
+rules! {
+    /// Numbers beside poses and points.
+    pub struct ParameterRules {
+        /// Not observable is what is known no better.
+        not_observable_share: f64 = 0.95, "share of the standard deviation before";
+    }
+}
+
+const RULES: ParameterRules = ParameterRules::DEFAULT;
 
 /// A number that is adjusted.
 #[derive(Clone, Debug, PartialEq)]
@@ -214,7 +222,7 @@ pub fn parameters(
         let sigma = if is_convention { f64::INFINITY } else { (own * variance_factor).sqrt() };
         let is_observable = match place.sigma_before {
             None => !is_convention,
-            Some(before) => own.sqrt() < NO_NEWS * before,
+            Some(before) => own.sqrt() < RULES.not_observable_share * before,
         };
         let change = place.value - place.before;
         let step: Vec<f64> = columns.column(at).iter().map(|q| q * change / own).collect();

@@ -7,6 +7,7 @@
 
 use crate::geometry::Pose;
 use crate::geometry::align::{rigid_fit, similarity_fit};
+use crate::rules::rules;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// What may be changed of the result before it is compared.
@@ -48,8 +49,15 @@ pub struct Aligned {
     pub spread_m: [f64; 3],
 }
 
-/// A track that is not wider than so many times what is left of it says nothing of the turn about it.
-const WIDE: f64 = 10.0;
+rules! {
+    /// What may be aligned before a comparison.
+    pub struct AlignmentRules {
+        /// A track that is not so wide says nothing of the turn about it.
+        least_width_factor: f64 = 10.0, "times what is left of it";
+    }
+}
+
+const RULES: AlignmentRules = AlignmentRules::DEFAULT;
 
 impl Aligned {
     /// Nothing applied.
@@ -133,7 +141,7 @@ impl Aligned {
     /// Whether the track is so wide that the turn about it is determined by more than what is left of it, of
     /// which the root mean square distance is `rms_m`.
     pub fn is_turn_determined(&self, rms_m: f64) -> bool {
-        self.alignment == Alignment::None || self.spread_m[1] > WIDE * rms_m
+        self.alignment == Alignment::None || self.spread_m[1] > RULES.least_width_factor * rms_m
     }
 }
 

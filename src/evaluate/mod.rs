@@ -14,6 +14,7 @@ pub use crate::clock;
 pub use crate::clock::curve;
 use crate::files::{ResultPoint, TrackPosition};
 use crate::reference::{GnssPosition, Reference, TrueShape};
+use crate::rules::Rules;
 use crate::stats::quantile::median;
 use alignment::Alignment;
 use clock::{ClockOffset, Shift, clock_offset};
@@ -23,6 +24,11 @@ use pairs::Association;
 use shape::{Registering, ShapeComparison, compare_shape};
 use std::collections::HashSet;
 use track::{Comparison, TrackComparison, compare};
+
+/// The constants of the comparison.
+pub fn constants() -> Vec<Rules> {
+    vec![alignment::AlignmentRules::PAGE]
+}
 
 /// Which offset of the receiver's clock is applied: `t_reference = t_video + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]

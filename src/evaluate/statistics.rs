@@ -5,7 +5,7 @@ use crate::stats::quantile::{median, quantile};
 
 /// Differences in a few numbers, in their unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Statistics {
+pub struct DifferenceStatistics {
     /// How many there are.
     pub count: usize,
     /// The middle one.
@@ -22,14 +22,14 @@ pub struct Statistics {
     pub abs_95: f64,
 }
 
-impl Statistics {
+impl DifferenceStatistics {
     /// Of these values; `None` without any.
     pub fn of(values: &[f64]) -> Option<Self> {
         let middle = median(values.to_vec())?;
         let mad = median(values.iter().map(|v| (v - middle).abs()).collect())?;
         let count = values.len();
         let mean = |f: fn(f64) -> f64| values.iter().map(|v| f(*v)).sum::<f64>() / count as f64;
-        Some(Statistics {
+        Some(DifferenceStatistics {
             count,
             median: middle,
             mad,
@@ -128,12 +128,12 @@ mod tests {
 
     #[test]
     fn a_few_numbers_by_hand() {
-        let found = Statistics::of(&[1.0, -2.0, 4.0, 0.0, 100.0]).unwrap();
+        let found = DifferenceStatistics::of(&[1.0, -2.0, 4.0, 0.0, 100.0]).unwrap();
         assert_eq!((found.count, found.median, found.mad, found.mean), (5, 1.0, 3.0, 20.6));
         assert!((found.rms - (10021.0_f64 / 5.0).sqrt()).abs() < 1e-12);
         assert!((found.abs_95 - (4.0 + 0.8 * 96.0)).abs() < 1e-12);
         assert_eq!(median(vec![3.0, 1.0, 2.0, 10.0]), Some(2.5));
-        assert_eq!((Statistics::of(&[]), median(vec![])), (None, None));
+        assert_eq!((DifferenceStatistics::of(&[]), median(vec![])), (None, None));
     }
 
     #[test]
@@ -159,7 +159,7 @@ mod tests {
     fn normal_numbers_have_their_widths() {
         let mut normal = Normal(1);
         let values: Vec<f64> = (0..40_000).map(|_| 5.0 + 0.3 * normal.draw()).collect();
-        let found = Statistics::of(&values).unwrap();
+        let found = DifferenceStatistics::of(&values).unwrap();
         assert!((found.mad_sigma / 0.3 - 1.0).abs() < 0.02, "{found:?}");
         let width = half_width_at_half_maximum(&values).unwrap();
         assert!((width.half_width / (0.3 * (2.0 * 2f64.ln()).sqrt()) - 1.0).abs() < 0.1, "{width:?}");

@@ -2,7 +2,7 @@
 
 use super::alignment::{Aligned, Alignment};
 use super::pairs::{Association, Pair, pairs};
-use super::statistics::{Distances, HalfWidth, Statistics, half_width_at_half_maximum};
+use super::statistics::{DifferenceStatistics, Distances, HalfWidth, half_width_at_half_maximum};
 use crate::clock::curve::Curve;
 use crate::files::TrackPosition;
 use crate::reference::GnssPosition;
@@ -87,15 +87,15 @@ pub struct TrackComparison {
     /// What was compared, in time order.
     pub compared: Vec<Compared>,
     /// Differences along x, y, z \[m\].
-    pub axes_m: [Statistics; 3],
+    pub axes_m: [DifferenceStatistics; 3],
     /// Differences along the motion and to the left of it \[m\].
-    pub along_across_m: Option<[Statistics; 2]>,
+    pub along_across_m: Option<[DifferenceStatistics; 2]>,
     /// Distances in space \[m\].
     pub distances_m: Distances,
     /// 90 % of horizontal distances are no larger (CE90), nor are 90 % of vertical ones (LE90) \[m\].
     pub circular_linear_90_m: [f64; 2],
     /// Differences of speed \[m/s\].
-    pub speed_mps: Option<Statistics>,
+    pub speed_mps: Option<DifferenceStatistics>,
     /// Half width of their histogram at half its maximum \[m/s\].
     pub speed_half_width_mps: Option<HalfWidth>,
     /// Where the speed of the reference comes from.
@@ -103,9 +103,9 @@ pub struct TrackComparison {
     /// Median speed of the reference \[m/s\].
     pub median_speed_mps: Option<f64>,
     /// Heading of the result's body less the course of the reference \[deg\].
-    pub heading_deg: Option<Statistics>,
+    pub heading_deg: Option<DifferenceStatistics>,
     /// Course of the result less the course of the reference \[deg\].
-    pub course_deg: Option<Statistics>,
+    pub course_deg: Option<DifferenceStatistics>,
     /// Half the time over which the course of the result is a difference of places \[s\].
     pub course_step_s: f64,
     /// Median standard deviation of the result's heading \[deg\].
@@ -164,12 +164,13 @@ pub fn compare(
     let compared: Vec<Compared> = pairs.iter().map(|pair| tracks.compare(pair)).collect();
 
     let axis = |axis: usize| {
-        Statistics::of(&compared.iter().map(|c| c.difference_m[axis]).collect::<Vec<_>>())
+        DifferenceStatistics::of(&compared.iter().map(|c| c.difference_m[axis]).collect::<Vec<_>>())
             .ok_or_else(|| nothing_in_common(track, curve, offset_s))
     };
     let axes_m = [axis(0)?, axis(1)?, axis(2)?];
     let turned: Vec<Vector2<f64>> = compared.iter().filter_map(|c| c.along_across_m).collect();
-    let of_turned = |axis: usize| Statistics::of(&turned.iter().map(|v| v[axis]).collect::<Vec<_>>());
+    let of_turned =
+        |axis: usize| DifferenceStatistics::of(&turned.iter().map(|v| v[axis]).collect::<Vec<_>>());
     let speeds: Vec<f64> = compared.iter().filter_map(|c| c.speed_difference_mps).collect();
     let share_90 =
         |f: fn(&Compared) -> f64| quantile(compared.iter().map(f).collect(), 0.9).unwrap_or(f64::NAN);
@@ -199,15 +200,15 @@ pub fn compare(
             share_90(|c| c.difference_m.xy().norm()),
             share_90(|c| c.difference_m.z.abs()),
         ],
-        speed_mps: Statistics::of(&speeds),
+        speed_mps: DifferenceStatistics::of(&speeds),
         speed_half_width_mps: half_width_at_half_maximum(&speeds),
         speed_source: (!speeds.is_empty()).then_some(match measured {
             0 => SpeedSource::Differences,
             all if all == reference.len() => SpeedSource::Measured,
             _ => SpeedSource::Mixed,
         }),
-        heading_deg: Statistics::of(&of_some(|c| c.heading_difference_deg)),
-        course_deg: Statistics::of(&of_some(|c| c.course_difference_deg)),
+        heading_deg: DifferenceStatistics::of(&of_some(|c| c.heading_difference_deg)),
+        course_deg: DifferenceStatistics::of(&of_some(|c| c.course_difference_deg)),
         course_step_s: curve.step_s(),
         sigma_heading_deg: median(of_some(|c| c.sigma_heading_deg)),
         median_speed_mps: median(compared.iter().filter_map(|c| c.reference_speed_mps).collect()),

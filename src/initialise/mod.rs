@@ -2,40 +2,58 @@
 //! without one from the ground below them, shapes by direct linear transformation, static points by
 //! intersection of their rays.
 
-pub mod body_axes;
-pub mod dlt;
-pub mod forward;
-pub mod found_poses;
-pub mod left_behind;
-pub mod motion_program;
-pub mod pattern;
 pub mod resection;
-pub mod rigid_motion;
-pub mod robust_dlt;
-pub mod triangulation;
+pub mod shape;
+pub mod vehicle_poses;
 
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::problem::{Problem, Role, Vehicle, VehicleObservation};
 use crate::residuals::inside_body::BODY_BOX_M;
-use dlt::{LinearPoint, Sighting};
-pub use found_poses::MotionBounds;
-use found_poses::{FoundPoses, NoPoses, find_poses, points_left_behind};
+use crate::rules::{Rules, rules};
 use nalgebra::Point3;
 use rayon::prelude::*;
 pub use resection::{NotResectable, Resection};
+use shape::dlt::{LinearPoint, Sighting};
+use shape::{robust_dlt, triangulation};
+pub use vehicle_poses::MotionBounds;
+use vehicle_poses::{FoundPoses, NoPoses, find_poses, static_points};
 
-/// Fewest points that give a vehicle a pose in every frame.
-const LEAST_POINTS: usize = 3;
+rules! {
+    /// The first estimate.
+    pub struct InitialiseRules {
+        /// Fewest points that give a vehicle a pose in every frame.
+        least_points: usize = 3, "points";
+        /// From this standard deviation on the depth of a shape point is said to be left open by its rays.
+        open_depth_m: f64 = 0.3, "m";
+        /// Where more of the points of a vehicle have gross errors, all are intersected robustly.
+        most_gross_share: f64 = 0.02, "share of points";
+        /// Where a residual of an image point turns linear.
+        huber_sigmas: f64 = 1.5, "standard deviations";
+    }
+}
 
-/// From this standard deviation on the depth of a shape point is said to be left open by its rays.
-const OPEN_DEPTH_M: f64 = 0.3;
+const RULES: InitialiseRules = InitialiseRules::DEFAULT;
 
-/// Where more than this share of a vehicle's points have gross errors, all are suspected.
-const SUSPECT_SHARE: f64 = 0.02;
-
-/// Where a residual turns linear, in standard deviations of an image point.
-const HUBER: f64 = 1.5;
+/// The constants of the first estimate.
+pub fn constants() -> Vec<Rules> {
+    let of_poses = [
+        vehicle_poses::forward::ForwardRules::PAGE,
+        vehicle_poses::static_tracks::StaticTrackRules::PAGE,
+        vehicle_poses::plane_motion::PlaneMotionRules::PAGE,
+        vehicle_poses::plane_adjustment::PlaneAdjustmentRules::PAGE,
+        vehicle_poses::motion_program::MotionRules::PAGE,
+        vehicle_poses::body_axes::BodyAxesRules::PAGE,
+        vehicle_poses::FoundPoseRules::PAGE,
+    ];
+    let of_shapes = [shape::dlt::DltRules::PAGE, shape::triangulation::TriangulationRules::PAGE];
+    [InitialiseRules::PAGE]
+        .into_iter()
+        .chain(resection::constants())
+        .chain(of_poses)
+        .chain(of_shapes)
+        .collect()
+}
 
 /// How a shape is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +84,7 @@ pub fn initialise(problem: &Problem, method: Method) -> Result<Initial, NotResec
 
 /// The first estimate of a problem. Cameras without a given pose are resected from control targets; the
 /// error says why no pose can be had. Where a vehicle has no pose in a frame in which it is seen, its
-/// poses are found ([`found_poses`]) within `bounds`.
+/// poses are found ([`vehicle_poses`]) within `bounds`.
 pub fn initialise_within(
     problem: &Problem,
     method: Method,
@@ -165,9 +183,9 @@ fn find_shape(
 }
 
 /// For each vehicle and point whether its track stays behind on the ground while the others drive on.
-pub fn tracks_left_behind(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<bool>> {
+pub fn static_tracks(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<bool>> {
     let of_vehicle = |vehicle: &Vehicle| match &problem.ground {
-        Some(ground) => points_left_behind(vehicle, &problem.camera, camera_poses, &ground.terrain),
+        Some(ground) => static_points(vehicle, &problem.camera, camera_poses, &ground.terrain),
         None => vec![false; vehicle.points.len()],
     };
     problem.vehicles.par_iter().map(of_vehicle).collect()
@@ -269,18 +287,19 @@ fn shape(
     let heavy = |fit: &(LinearPoint, Point3<f64>)| fit.0.has_heavy_tails(&fit.1);
     let heavy_count = plain.iter().flatten().filter(|fit| heavy(fit)).count();
     // A plain fit may hide its gross errors; where many points have some, all are suspected.
-    let all_are_suspect = heavy_count as f64 > SUSPECT_SHARE * plain.iter().flatten().count() as f64;
+    let all_are_suspect = heavy_count as f64 > RULES.most_gross_share * plain.iter().flatten().count() as f64;
     plain
         .into_par_iter()
         .map(|fit| {
             let fit = fit?;
             let is_suspect = method == Method::RobustWhereNeeded && (all_are_suspect || heavy(&fit));
             let (linear, plain) = fit;
-            let robust = is_suspect.then(|| robust_dlt::solve(&linear, HUBER)).flatten();
+            let robust = is_suspect.then(|| robust_dlt::solve(&linear, RULES.huber_sigmas)).flatten();
             let point = robust.unwrap_or(plain);
             let spread = linear.spread(&point);
             let sigma_m = linear.largest_sigma_m();
-            let (is_open, has_no_depth) = (sigma_m * spread > OPEN_DEPTH_M, sigma_m > OPEN_DEPTH_M);
+            let (is_open, has_no_depth) =
+                (sigma_m * spread > RULES.open_depth_m, sigma_m > RULES.open_depth_m);
             let system = if is_open { linear.drawn_to_body(spread) } else { linear };
             let point = match (robust, is_open) {
                 // Good rays scatter with the starting poses, all points of a frame alike; gross errors
@@ -318,7 +337,7 @@ pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize)
 
 fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate) -> Option<String> {
     let is_held = problem.vehicle_pose_sigma.is_exact() && !vehicle.misses_poses();
-    let needed = if is_held { 1 } else { LEAST_POINTS };
+    let needed = if is_held { 1 } else { RULES.least_points };
     let several = vehicle.determinable().into_iter().filter(|d| *d).count();
     let found = estimate.points.iter().flatten().count();
     if vehicle.observations.is_empty() {

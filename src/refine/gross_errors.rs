@@ -20,56 +20,63 @@
 
 use super::fit::ObservationFit;
 use crate::estimate::{Estimate, Imaging};
-use crate::initialise::{point_anew, tracks_left_behind};
+use crate::initialise::{point_anew, static_tracks};
 use crate::network::{OUTLIER_SIGMAS, Selection};
 use crate::problem::{Problem, Role};
+use crate::rules::rules;
 use crate::stats::quantile::{upper_median, value_at_share};
 use nalgebra::Vector2;
 
-/// Fewest image points that are judged together.
-const LEAST_TOGETHER: usize = 4;
-/// A track or frame of which more than this share is gross is rejected, however its gross errors came.
-const NEARLY_ALL: f64 = 0.9;
-/// Gross residuals of one cause differ by less than this share of their length; those that come alone by
-/// 1.4 times their length.
-const ONE_CAUSE: f64 = 0.5;
-/// An image point that keeps less than this weight is down-weighted.
-const FULL_WEIGHT: f64 = 0.5;
-/// The first estimate contradicts a track that fits so many times worse than a good one ...
-const SUSPECT: f64 = 4.0;
-/// ... that is, than this share of tracks do ...
-const GOOD_TRACKS: f64 = 0.25;
-/// ... in this share of its frames.
-const GOOD_POINTS: f64 = 0.4;
-/// Where no more than this share of the image points of a vehicle is left, it is the estimate that is wrong.
-const LEAST_LEFT_IN: f64 = 0.15;
-/// Fewest image points by which the first estimate is held against a track.
-const LEAST_TRACK: usize = 8;
+rules! {
+    /// Gross errors of image points, tracks and frames.
+    pub struct GrossErrorRules {
+        /// Fewest that are judged together.
+        least_together: usize = 4, "image points";
+        /// A track or frame of which more is gross is rejected, however its gross errors came.
+        rejected_above_share: f64 = 0.9, "share of image points";
+        /// Gross residuals of one cause differ by less from one to the next; those that come alone by 1.4.
+        one_cause_change: f64 = 0.5, "share of their length";
+        /// An image point that keeps less is down-weighted.
+        full_weight: f64 = 0.5, "weight";
+        /// The first estimate contradicts a track that fits so many times worse than a good one ...
+        suspect_factor: f64 = 4.0, "factor";
+        /// ... that is, than these do ...
+        good_tracks_share: f64 = 0.25, "share of tracks";
+        /// ... in these.
+        good_points_share: f64 = 0.4, "share of frames";
+        /// Where no more is left of a vehicle, it is the estimate that is wrong.
+        least_left_share: f64 = 0.15, "share of image points";
+        /// Fewest by which the first estimate is held against a track.
+        least_track: usize = 8, "image points";
+    }
+}
+
+const RULES: GrossErrorRules = GrossErrorRules::DEFAULT;
 
 /// What became of an image point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum ImagePointVerdict {
     /// It took part.
     Used,
     /// It took part, with less than half of its weight.
     DownWeighted,
     /// It took no part.
-    Rejected(Reason),
+    Rejected(RejectionReason),
 }
 
-impl Verdict {
+impl ImagePointVerdict {
     /// Why it was rejected, if it was.
-    pub fn reason(self) -> Option<Reason> {
+    pub fn reason(self) -> Option<RejectionReason> {
         match self {
-            Verdict::Rejected(reason) => Some(reason),
-            Verdict::Used | Verdict::DownWeighted => None,
+            ImagePointVerdict::Rejected(reason) => Some(reason),
+            ImagePointVerdict::Used | ImagePointVerdict::DownWeighted => None,
         }
     }
 }
 
 /// Why an image point took no part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reason {
+pub enum RejectionReason {
     /// It is a gross error by itself.
     ImagePoint,
     /// Its track is one as a whole: it is not of this body, or not of this target.
@@ -84,37 +91,37 @@ pub enum Reason {
     CheckPoint,
 }
 
-impl Reason {
+impl RejectionReason {
     /// All of them.
-    pub const ALL: [Reason; 6] = [
-        Reason::ImagePoint,
-        Reason::Track,
-        Reason::Frame,
-        Reason::BehindCamera,
-        Reason::NoCoordinates,
-        Reason::CheckPoint,
+    pub const ALL: [RejectionReason; 6] = [
+        RejectionReason::ImagePoint,
+        RejectionReason::Track,
+        RejectionReason::Frame,
+        RejectionReason::BehindCamera,
+        RejectionReason::NoCoordinates,
+        RejectionReason::CheckPoint,
     ];
 
     /// That of this name.
-    pub fn of_name(name: &str) -> Option<Reason> {
-        Reason::ALL.into_iter().find(|reason| reason.name() == name)
+    pub fn of_name(name: &str) -> Option<RejectionReason> {
+        RejectionReason::ALL.into_iter().find(|reason| reason.name() == name)
     }
 
     /// Its name in a report and in a table.
     pub fn name(self) -> &'static str {
         match self {
-            Reason::ImagePoint => "image_point",
-            Reason::Track => "track",
-            Reason::Frame => "frame",
-            Reason::BehindCamera => "behind_camera",
-            Reason::NoCoordinates => "no_coordinates",
-            Reason::CheckPoint => "check_point",
+            RejectionReason::ImagePoint => "image_point",
+            RejectionReason::Track => "track",
+            RejectionReason::Frame => "frame",
+            RejectionReason::BehindCamera => "behind_camera",
+            RejectionReason::NoCoordinates => "no_coordinates",
+            RejectionReason::CheckPoint => "check_point",
         }
     }
 
     /// Whether it is a gross error of the image point.
     pub fn is_gross(self) -> bool {
-        matches!(self, Reason::ImagePoint | Reason::Track | Reason::Frame)
+        matches!(self, RejectionReason::ImagePoint | RejectionReason::Track | RejectionReason::Frame)
     }
 }
 
@@ -125,27 +132,31 @@ pub struct Tally {
     pub used: usize,
     /// That took part with less than half of their weight.
     pub down_weighted: usize,
-    /// That took no part, in the order of [`Reason::ALL`].
-    pub rejected: [usize; Reason::ALL.len()],
+    /// That took no part, in the order of [`RejectionReason::ALL`].
+    pub rejected: [usize; RejectionReason::ALL.len()],
 }
 
 impl Tally {
-    fn count(&mut self, verdict: Verdict) {
+    fn count(&mut self, verdict: ImagePointVerdict) {
         match verdict {
-            Verdict::Used => self.used += 1,
-            Verdict::DownWeighted => self.down_weighted += 1,
-            Verdict::Rejected(reason) => self.rejected[reason as usize] += 1,
+            ImagePointVerdict::Used => self.used += 1,
+            ImagePointVerdict::DownWeighted => self.down_weighted += 1,
+            ImagePointVerdict::Rejected(reason) => self.rejected[reason as usize] += 1,
         }
     }
 
     /// Rejected for this reason.
-    pub fn of(&self, reason: Reason) -> usize {
+    pub fn of(&self, reason: RejectionReason) -> usize {
         self.rejected[reason as usize]
     }
 
     /// Gross errors of all three kinds.
     pub fn gross(&self) -> usize {
-        Reason::ALL.into_iter().filter(|reason| reason.is_gross()).map(|reason| self.of(reason)).sum()
+        RejectionReason::ALL
+            .into_iter()
+            .filter(|reason| reason.is_gross())
+            .map(|reason| self.of(reason))
+            .sum()
     }
 
     /// All that were given.
@@ -158,9 +169,9 @@ impl Tally {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdicts {
     /// For each vehicle one for each of its observations.
-    pub vehicles: Vec<Vec<Verdict>>,
+    pub vehicles: Vec<Vec<ImagePointVerdict>>,
     /// One for each target observation.
-    pub targets: Vec<Verdict>,
+    pub targets: Vec<ImagePointVerdict>,
 }
 
 impl Verdicts {
@@ -176,15 +187,16 @@ impl Verdicts {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Excluded {
     /// For each vehicle one for each of its observations.
-    pub vehicles: Vec<Vec<Option<Reason>>>,
+    pub vehicles: Vec<Vec<Option<RejectionReason>>>,
     /// One for each target observation.
-    pub targets: Vec<Option<Reason>>,
+    pub targets: Vec<Option<RejectionReason>>,
 }
 
 impl Excluded {
     /// The image points that are not left out.
     pub fn selection(&self) -> Selection {
-        let taken = |out: &Vec<Option<Reason>>| -> Vec<bool> { out.iter().map(Option::is_none).collect() };
+        let taken =
+            |out: &Vec<Option<RejectionReason>>| -> Vec<bool> { out.iter().map(Option::is_none).collect() };
         Selection { vehicles: self.vehicles.iter().map(taken).collect(), targets: taken(&self.targets) }
     }
 
@@ -206,11 +218,11 @@ impl Excluded {
     /// points of a frame.
     pub fn suspected(problem: &Problem, start: &Estimate) -> Excluded {
         let mut excluded = Excluded::nothing(problem);
-        let is_left = tracks_left_behind(problem, &start.camera_poses);
+        let is_left = static_tracks(problem, &start.camera_poses);
         for ((vehicle, is_left), reasons) in problem.vehicles.iter().zip(&is_left).zip(&mut excluded.vehicles)
         {
             for (o, reason) in vehicle.observations.iter().zip(reasons) {
-                *reason = is_left[o.point].then_some(Reason::Track);
+                *reason = is_left[o.point].then_some(RejectionReason::Track);
             }
         }
         for (set, reasons) in sets(problem, start).iter().zip(excluded.sets_mut()) {
@@ -221,15 +233,16 @@ impl Excluded {
                 let judged = track.iter().map(|at| &set.seen[*at]).filter(|seen| seen.kind == Kind::Point);
                 let norms: Vec<f64> =
                     judged.map(|seen| seen.whitened.map_or(f64::INFINITY, |w| w.norm())).collect();
-                if norms.len() >= LEAST_TRACK {
-                    scores.push((value_at_share(norms, GOOD_POINTS).unwrap_or(0.0), track));
+                if norms.len() >= RULES.least_track {
+                    scores.push((value_at_share(norms, RULES.good_points_share).unwrap_or(0.0), track));
                 }
             }
             let good =
-                value_at_share(scores.iter().map(|(score, _)| *score).collect(), GOOD_TRACKS).unwrap_or(0.0);
-            let limit = SUSPECT * good.max(OUTLIER_SIGMAS);
+                value_at_share(scores.iter().map(|(score, _)| *score).collect(), RULES.good_tracks_share)
+                    .unwrap_or(0.0);
+            let limit = RULES.suspect_factor * good.max(OUTLIER_SIGMAS);
             for (_, track) in scores.into_iter().filter(|(score, _)| *score > limit) {
-                track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
+                track.into_iter().for_each(|at| reasons[at] = Some(RejectionReason::Track));
             }
         }
         excluded
@@ -247,9 +260,10 @@ impl Excluded {
                 sets(problem, estimate).iter().zip(excluded.sets_mut()).zip(before)
             {
                 let judged = set.judge(limit).into_iter();
-                *reasons = judged.map(|reason| reason.filter(|r| *r != Reason::ImagePoint)).collect();
+                *reasons =
+                    judged.map(|reason| reason.filter(|r| *r != RejectionReason::ImagePoint)).collect();
                 let left_in = reasons.iter().filter(|reason| reason.is_none()).count();
-                if (left_in as f64) < LEAST_LEFT_IN * reasons.len() as f64 {
+                if (left_in as f64) < RULES.least_left_share * reasons.len() as f64 {
                     reasons.clone_from(before);
                 }
             }
@@ -266,7 +280,7 @@ impl Excluded {
         let judged = judge(&anew);
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             for (o, reason) in vehicle.observations.iter().zip(&judged.vehicles[at]) {
-                if *reason == Some(Reason::Track) {
+                if *reason == Some(RejectionReason::Track) {
                     // Where few of its rays happen to meet may be anywhere.
                     anew.vehicles[at].points[o.point] = estimate.vehicles[at].points[o.point];
                 }
@@ -282,7 +296,7 @@ impl Excluded {
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let mut is_out = vec![false; vehicle.points.len()];
             for (o, reason) in vehicle.observations.iter().zip(&self.vehicles[at]) {
-                is_out[o.point] |= *reason == Some(Reason::Track);
+                is_out[o.point] |= *reason == Some(RejectionReason::Track);
             }
             // A point that has no coordinates gets none: the unknowns stay the same.
             let has = |point: &usize| estimate.vehicles[at].points[*point].is_some();
@@ -310,7 +324,7 @@ impl Excluded {
         anew
     }
 
-    fn sets_mut(&mut self) -> impl Iterator<Item = &mut Vec<Option<Reason>>> {
+    fn sets_mut(&mut self) -> impl Iterator<Item = &mut Vec<Option<RejectionReason>>> {
         self.vehicles.iter_mut().chain([&mut self.targets])
     }
 }
@@ -337,11 +351,13 @@ pub fn verdicts(
     for ((set, fits), out) in sets.iter().zip(all_fits).zip(all_out) {
         let judged = set.judge(limit);
         let one = |at: usize| match (out[at], set.seen[at].kind, &fits[at]) {
-            (_, Kind::Check, _) => Verdict::Rejected(Reason::CheckPoint),
-            (Some(reason), ..) => Verdict::Rejected(reason),
-            (None, Kind::WithoutCoordinates, _) => Verdict::Rejected(Reason::NoCoordinates),
-            (None, Kind::Point, None) => Verdict::Rejected(Reason::BehindCamera),
-            (None, Kind::Point, Some(fit)) => judged[at].map_or(of_weight(fit), Verdict::Rejected),
+            (_, Kind::Check, _) => ImagePointVerdict::Rejected(RejectionReason::CheckPoint),
+            (Some(reason), ..) => ImagePointVerdict::Rejected(reason),
+            (None, Kind::WithoutCoordinates, _) => {
+                ImagePointVerdict::Rejected(RejectionReason::NoCoordinates)
+            }
+            (None, Kind::Point, None) => ImagePointVerdict::Rejected(RejectionReason::BehindCamera),
+            (None, Kind::Point, Some(fit)) => judged[at].map_or(of_weight(fit), ImagePointVerdict::Rejected),
         };
         verdicts.push((0..set.seen.len()).map(one).collect::<Vec<_>>());
     }
@@ -349,8 +365,8 @@ pub fn verdicts(
     Verdicts { vehicles: verdicts, targets }
 }
 
-fn of_weight(fit: &ObservationFit) -> Verdict {
-    if fit.weight < FULL_WEIGHT { Verdict::DownWeighted } else { Verdict::Used }
+fn of_weight(fit: &ObservationFit) -> ImagePointVerdict {
+    if fit.weight < RULES.full_weight { ImagePointVerdict::DownWeighted } else { ImagePointVerdict::Used }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -445,11 +461,11 @@ impl Set {
         self.seen[at].whitened.is_some_and(|residual| residual.norm() <= limit)
     }
 
-    fn judge(&self, limit: f64) -> Vec<Option<Reason>> {
+    fn judge(&self, limit: f64) -> Vec<Option<RejectionReason>> {
         let mut reasons = vec![None; self.seen.len()];
         for track in self.tracks() {
             if self.is_gross_as_a_whole(&track, limit) {
-                track.into_iter().for_each(|at| reasons[at] = Some(Reason::Track));
+                track.into_iter().for_each(|at| reasons[at] = Some(RejectionReason::Track));
             }
         }
         let mut frames = vec![Vec::new(); self.frames];
@@ -458,12 +474,12 @@ impl Set {
         }
         for frame in frames {
             if self.is_gross_as_a_whole(&frame, limit) {
-                frame.into_iter().for_each(|at| reasons[at] = Some(Reason::Frame));
+                frame.into_iter().for_each(|at| reasons[at] = Some(RejectionReason::Frame));
             }
         }
         for (reason, seen) in reasons.iter_mut().zip(&self.seen) {
             if reason.is_none() && seen.whitened.is_some_and(|w| w.norm() > limit) {
-                *reason = Some(Reason::ImagePoint);
+                *reason = Some(RejectionReason::ImagePoint);
             }
         }
         reasons
@@ -477,13 +493,13 @@ impl Set {
         // What lies behind the camera has no residual; it is as gross as can be.
         let behind = judged.iter().filter(|seen| seen.whitened.is_none()).count();
         let share = (gross.len() + behind) as f64 / judged.len().max(1) as f64;
-        if judged.len() < LEAST_TOGETHER || share <= 0.5 {
+        if judged.len() < RULES.least_together || share <= 0.5 {
             return false;
         }
-        share > NEARLY_ALL || behind > gross.len() || {
+        share > RULES.rejected_above_share || behind > gross.len() || {
             let length = upper_median(gross.iter().map(|r| r.norm()).collect());
             let change = upper_median(gross.windows(2).map(|two| (two[1] - two[0]).norm()).collect());
-            change.unwrap_or(0.0) < ONE_CAUSE * length.unwrap_or(0.0)
+            change.unwrap_or(0.0) < RULES.one_cause_change * length.unwrap_or(0.0)
         }
     }
 }
@@ -506,7 +522,7 @@ mod tests {
         Set { seen: (0..200).map(one).collect(), points: 5, frames: 40 }
     }
 
-    fn count(reasons: &[Option<Reason>], reason: Reason) -> usize {
+    fn count(reasons: &[Option<RejectionReason>], reason: RejectionReason) -> usize {
         reasons.iter().filter(|found| **found == Some(reason)).count()
     }
 
@@ -518,7 +534,7 @@ mod tests {
         });
         let fitting = (0..40).filter(|frame| crossing.fits(5 * frame, LIMIT)).count();
         let reasons = crossing.judge(LIMIT);
-        assert!(fitting > 0 && count(&reasons, Reason::Track) == 40, "{fitting}");
+        assert!(fitting > 0 && count(&reasons, RejectionReason::Track) == 40, "{fitting}");
         assert_eq!(reasons.iter().flatten().count(), 40);
     }
 
@@ -526,21 +542,27 @@ mod tests {
     fn errors_that_come_alone_are_rejected_alone_even_where_they_are_most_of_a_track() {
         let scattered = set(|frame, point| Some(if point == 2 && frame % 5 > 1 { 90.0 } else { 1.0 }));
         let reasons = scattered.judge(LIMIT);
-        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::ImagePoint)], [0, 24]);
+        assert_eq!(
+            [count(&reasons, RejectionReason::Track), count(&reasons, RejectionReason::ImagePoint)],
+            [0, 24]
+        );
         let all = set(|frame, point| Some(if point == 2 && frame > 0 { 90.0 } else { 1.0 }));
-        assert_eq!(count(&all.judge(LIMIT), Reason::Track), 40);
+        assert_eq!(count(&all.judge(LIMIT), RejectionReason::Track), 40);
     }
 
     #[test]
     fn a_frame_is_judged_by_what_wrong_tracks_leave_of_it() {
         let set = set(|frame, point| Some(if point < 1 || frame == 7 { 60.0 } else { 1.0 }));
         let reasons = set.judge(LIMIT);
-        assert_eq!([count(&reasons, Reason::Track), count(&reasons, Reason::Frame)], [40, 4]);
+        assert_eq!(
+            [count(&reasons, RejectionReason::Track), count(&reasons, RejectionReason::Frame)],
+            [40, 4]
+        );
     }
 
     #[test]
     fn what_lies_behind_the_camera_is_gross_as_can_be() {
         let set = set(|_, point| if point == 3 { None } else { Some(1.0) });
-        assert_eq!(count(&set.judge(LIMIT), Reason::Track), 40);
+        assert_eq!(count(&set.judge(LIMIT), RejectionReason::Track), 40);
     }
 }

@@ -27,14 +27,14 @@ mod score_test;
 pub use alone::alone;
 pub use expected::expected;
 pub use fit::ObservationFit;
-pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
+pub use gross_errors::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verdicts};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, Round};
 pub use schedule::RoundSchedule;
 pub use score_test::{CRITICAL, DirectedTest};
 
 use crate::estimate::Estimate;
-use crate::initialise::body_axes::heading_of_travel;
 use crate::initialise::start_anew;
+use crate::initialise::vehicle_poses::body_axes::heading_of_travel;
 use crate::network::{Anchors, NetworkOptions, Purpose, body_frames, start_clocks};
 pub use crate::network::{
     Body, BodyStrength, MotionPrior, Order, Source, Strengths, camera_gap, frame_step, point_motion,
@@ -42,14 +42,15 @@ pub use crate::network::{
 };
 pub use crate::network::{BodyFrame, Model, MotionPriors, OUTLIER_SIGMAS};
 use crate::problem::Problem;
+use crate::rules::Rules;
 use directed_tests::{Held, directed_tests};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
-use trackbundle_solver::{Singular, TooLarge};
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
 use trackbundle_solver::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
 pub use trackbundle_solver::system::Arrangement;
 use trackbundle_solver::system::Values;
+use trackbundle_solver::{Singular, TooLarge};
 
 /// What a user may choose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,6 +115,11 @@ impl From<TooLarge> for NoSolution {
     fn from(error: TooLarge) -> Self {
         NoSolution(error.to_string())
     }
+}
+
+/// The constants of the adjustment.
+pub fn constants() -> Vec<Rules> {
+    vec![RoundSchedule::PAGE, gross_errors::GrossErrorRules::PAGE, reversal::ReversalRules::PAGE]
 }
 
 /// The adjusted unknowns, and the least squares behind them.

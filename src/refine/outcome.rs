@@ -2,7 +2,7 @@
 
 use super::Network;
 use super::fit::ObservationFit;
-use super::gross_errors::{self, Excluded, Tally, Verdict, Verdicts};
+use super::gross_errors::{self, Excluded, ImagePointVerdict, Tally, Verdicts};
 use super::score_test::DirectedTest;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
@@ -228,7 +228,7 @@ impl Fits {
         let sets = fits.vehicles.iter_mut().chain([&mut fits.targets]);
         for ((fits, verdicts), excluded) in sets.zip(verdicts).zip(excluded) {
             for ((fit, verdict), out) in fits.iter_mut().zip(verdicts).zip(excluded) {
-                let (Some(fit), Verdict::Rejected(reason)) = (fit, verdict) else { continue };
+                let (Some(fit), ImagePointVerdict::Rejected(reason)) = (fit, verdict) else { continue };
                 fit.is_outlier = reason.is_gross();
                 // A loss that never lets go of an image point has kept what is a gross error.
                 if image_loss.redescends() || !fit.is_outlier || out.is_some() {
@@ -246,8 +246,8 @@ impl Fits {
         let mut fits = Fits::new(problem, start, Loss::Squared, 1.0, &Excluded::nothing(problem));
         let verdicts = fits.verdicts.vehicles.iter_mut().flatten().chain(&mut fits.verdicts.targets);
         for verdict in verdicts {
-            if matches!(verdict, Verdict::Rejected(reason) if reason.is_gross()) {
-                *verdict = Verdict::Used;
+            if matches!(verdict, ImagePointVerdict::Rejected(reason) if reason.is_gross()) {
+                *verdict = ImagePointVerdict::Used;
             }
         }
         fits

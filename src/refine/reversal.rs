@@ -12,17 +12,25 @@ use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log};
 use crate::network::{Body, BodyStrength, Model, MotionPrior, MotionPriors, Purpose, Selection};
 use crate::problem::{Freedom, PoseSigma, Problem, Shutter};
+use crate::rules::rules;
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use trackbundle_solver::TooLarge;
 use trackbundle_solver::loss::Loss;
 use trackbundle_solver::minimise::{Minimiser, MinimiserOptions};
 
-/// A body that turns more than this across the line of sight has one depth \[rad\].
-const MOST_TURN: f64 = 0.1;
-/// The most iterations of each of the two.
-const ITERATIONS: usize = 60;
-/// By what share of the cost the mirrored one must be better.
-const CLEARLY: f64 = 1e-7;
+rules! {
+    /// Bodies at the wrong one of two depths.
+    pub struct ReversalRules {
+        /// A body that turns more across the line of sight has one depth.
+        most_turn_rad: f64 = 0.1, "rad";
+        /// The most iterations of each of the two.
+        most_iterations: usize = 60, "iterations";
+        /// By so much the mirrored one must be better.
+        least_decrease: f64 = 1e-7, "share of the cost";
+    }
+}
+
+const RULES: ReversalRules = ReversalRules::DEFAULT;
 
 /// The estimate with those vehicles mirrored that fit better so; `None` where none does.
 pub fn better_reversed(
@@ -82,7 +90,7 @@ pub fn better_reversed(
             let (options, purpose) = (options.network(), Purpose::Adjustment);
             let mut model = Model::new(&alone, &start, &current, options, &selection, purpose);
             model.set_image_loss(loss);
-            let limits = MinimiserOptions { max_iterations: ITERATIONS, ..Default::default() };
+            let limits = MinimiserOptions { max_iterations: RULES.most_iterations, ..Default::default() };
             let minimum =
                 Minimiser::new(&model.system)?.run(&model.system, model.system.start(), limits, None);
             let mut end = model.estimate(&alone, &start, &minimum.values);
@@ -90,7 +98,7 @@ pub fn better_reversed(
         };
         let (cost, _) = adjusted(&now.vehicles[at])?;
         let (other_cost, other) = adjusted(&mirrored)?;
-        if other_cost < cost * (1.0 - CLEARLY) {
+        if other_cost < cost * (1.0 - RULES.least_decrease) {
             better.get_or_insert_with(|| now.clone()).vehicles[at] = other;
         }
     }
@@ -120,7 +128,7 @@ fn reversed(camera_poses: &[Pose], vehicle: &VehicleEstimate) -> Option<VehicleE
         let Some(pose) = own else { continue };
         let by = log(&(mean.inverse() * turn(&(camera, *pose))));
         let along = sight.into_inner() * sight.dot(&by);
-        if (by - along).norm() > MOST_TURN {
+        if (by - along).norm() > RULES.most_turn_rad {
             return None;
         }
         let held = *pose * middle;

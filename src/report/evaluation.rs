@@ -7,7 +7,7 @@ use crate::evaluate::alignment::{Aligned, Alignment};
 use crate::evaluate::clock::ClockOffset;
 use crate::evaluate::curve::GAP_STEPS;
 use crate::evaluate::shape::ShapeComparison;
-use crate::evaluate::statistics::{Distances, Statistics};
+use crate::evaluate::statistics::{DifferenceStatistics, Distances};
 use crate::evaluate::track::{LEAST_SPEED_MPS, SpeedSource, TrackComparison};
 use crate::evaluate::{Evaluation, VehicleEvaluation};
 use crate::geometry::quaternion_wxyz;
@@ -237,9 +237,9 @@ pub struct StatisticsReport {
     pub abs_95: f64,
 }
 
-impl From<Statistics> for StatisticsReport {
-    fn from(found: Statistics) -> Self {
-        let Statistics { count, median, mad, mad_sigma, mean, rms, abs_95 } = found;
+impl From<DifferenceStatistics> for StatisticsReport {
+    fn from(found: DifferenceStatistics) -> Self {
+        let DifferenceStatistics { count, median, mad, mad_sigma, mean, rms, abs_95 } = found;
         StatisticsReport { count, median, mad, mad_sigma, mean, rms, abs_95 }
     }
 }

@@ -12,7 +12,7 @@ use crate::files::InputFile;
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
 use crate::problem::Problem;
-use crate::refine::{Adjustment, Body, BodyStrength, Order, Reason, Tally};
+use crate::refine::{Adjustment, Body, BodyStrength, Order, RejectionReason, Tally};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use trackbundle_solver::Elimination;
@@ -467,7 +467,7 @@ fn image_points(tally: &Tally) -> ImagePointsReport {
         given: tally.all(),
         used: tally.used,
         down_weighted: tally.down_weighted,
-        rejected: Reason::ALL.into_iter().map(|reason| (reason.name(), tally.of(reason))).collect(),
+        rejected: RejectionReason::ALL.into_iter().map(|reason| (reason.name(), tally.of(reason))).collect(),
     }
 }
 

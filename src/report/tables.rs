@@ -11,7 +11,7 @@ use crate::files::rows::{
 use crate::files::{RESIDUALS, RESULT_TARGETS, ResultRole, START_RESIDUALS};
 use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::{Problem, Role, Target};
-use crate::refine::{CheckPoint, Fits, ObservationFit, Verdict};
+use crate::refine::{CheckPoint, Fits, ImagePointVerdict, ObservationFit};
 use crate::tables::ResultSigma;
 use nalgebra::{Point3, Vector2};
 
@@ -255,23 +255,26 @@ pub fn states_table(
 }
 
 fn residuals(problem: &Problem, fits: &Fits) -> Vec<ResidualRow> {
-    let row =
-        |frame: usize, of: [&str; 3], image_px: Vector2<f64>, fit: &ObservationFit, verdict: &Verdict| {
-            let [kind, vehicle, point] = of;
-            let computed_px = image_px - fit.residual_px;
-            ResidualRow {
-                frame: problem.frames[frame].number,
-                kind: kind.to_owned(),
-                vehicle: Some(vehicle.to_owned()),
-                point: point.to_owned(),
-                du: round(fit.residual_px.x, PIXEL),
-                dv: round(fit.residual_px.y, PIXEL),
-                weight: round(fit.weight, RATIO),
-                reason: verdict.reason().map(|reason| reason.name().to_owned()),
-                u_computed: Some(round(computed_px.x, PIXEL)),
-                v_computed: Some(round(computed_px.y, PIXEL)),
-            }
-        };
+    let row = |frame: usize,
+               of: [&str; 3],
+               image_px: Vector2<f64>,
+               fit: &ObservationFit,
+               verdict: &ImagePointVerdict| {
+        let [kind, vehicle, point] = of;
+        let computed_px = image_px - fit.residual_px;
+        ResidualRow {
+            frame: problem.frames[frame].number,
+            kind: kind.to_owned(),
+            vehicle: Some(vehicle.to_owned()),
+            point: point.to_owned(),
+            du: round(fit.residual_px.x, PIXEL),
+            dv: round(fit.residual_px.y, PIXEL),
+            weight: round(fit.weight, RATIO),
+            reason: verdict.reason().map(|reason| reason.name().to_owned()),
+            u_computed: Some(round(computed_px.x, PIXEL)),
+            v_computed: Some(round(computed_px.y, PIXEL)),
+        }
+    };
     let mut rows = Vec::new();
     for ((vehicle, fits), verdicts) in
         problem.vehicles.iter().zip(&fits.vehicles).zip(&fits.verdicts.vehicles)

@@ -88,7 +88,8 @@ pub fn page(all: &[Rules]) -> String {
         page += "| constant | default | unit | what it decides |\n|---|---|---|---|\n";
         for rule in rules.rules {
             let meaning = plain(rule.meaning);
-            page += &format!("| `{}` | {} | {} | {meaning} |\n", rule.name, rule.default, rule.unit);
+            let default = rule.default.replace("std::f64::consts::", "");
+            page += &format!("| `{}` | {default} | {} | {meaning} |\n", rule.name, rule.unit);
         }
     }
     page

@@ -2,13 +2,13 @@
 
 use crate::files::{ResultResidual, ResultResiduals};
 use crate::problem::{Problem, Role};
-use crate::refine::{Fits, ObservationFit, Reason, Verdict};
+use crate::refine::{Fits, ImagePointVerdict, ObservationFit, RejectionReason};
 use nalgebra::Vector2;
 use trackbundle_viz as viz;
 
 /// The residuals of an adjustment as they are read back from its folder.
 pub fn residuals(problem: &Problem, fits: &Fits) -> ResultResiduals {
-    let one = |frame, target, image_px, fit: &Option<ObservationFit>, verdict: &Verdict| {
+    let one = |frame, target, image_px, fit: &Option<ObservationFit>, verdict: &ImagePointVerdict| {
         fit.map(|fit| ResultResidual {
             frame,
             target,
@@ -34,21 +34,21 @@ pub fn residuals(problem: &Problem, fits: &Fits) -> ResultResiduals {
 }
 
 /// A reason as it stands beside an image point.
-fn told(reason: Reason) -> &'static str {
+fn told(reason: RejectionReason) -> &'static str {
     match reason {
-        Reason::ImagePoint => "rejected alone",
-        Reason::Track => "rejected with its whole track",
-        Reason::Frame => "rejected with its whole frame",
-        Reason::BehindCamera => "behind the camera",
-        Reason::NoCoordinates => "without coordinates",
-        Reason::CheckPoint => "check point",
+        RejectionReason::ImagePoint => "rejected alone",
+        RejectionReason::Track => "rejected with its whole track",
+        RejectionReason::Frame => "rejected with its whole frame",
+        RejectionReason::BehindCamera => "behind the camera",
+        RejectionReason::NoCoordinates => "without coordinates",
+        RejectionReason::CheckPoint => "check point",
     }
 }
 
 /// How an image point is marked, and why it was rejected, if it was.
 fn marking(residual: Option<&ResultResidual>, role: Role) -> (viz::Marking, Option<&'static str>) {
     let Some(residual) = residual else { return (viz::Marking::NotUsed, None) };
-    match residual.reason.as_deref().map(Reason::of_name) {
+    match residual.reason.as_deref().map(RejectionReason::of_name) {
         Some(Some(reason)) if reason.is_gross() => (viz::Marking::Rejected, Some(told(reason))),
         Some(Some(_)) => (viz::Marking::NotUsed, None),
         _ if role == Role::Check => (viz::Marking::NotUsed, None),

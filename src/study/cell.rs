@@ -18,7 +18,7 @@ pub const BEST_SHARE: f64 = 0.5;
 /// nothing of what may be half as large.
 const MOST_SCALE: f64 = 0.5;
 /// A found frame is laid on the true one in so many steps.
-const RESTORED: usize = 12;
+const RESTORING_STEPS: usize = 12;
 /// Distances of which the share of points is told \[m\].
 pub const WITHIN_M: [f64; 3] = [0.01, 0.02, 0.05];
 
@@ -172,7 +172,7 @@ impl Prepared {
             VehicleEstimate { points: true_points.clone(), poses: true_poses.clone(), ..found.clone() };
         let frame = &self.frames[at];
         // Where points are missing, or the frame is far off, each step goes a part of the way.
-        (0..RESTORED).for_each(|_| frame.restore(&truth, &mut found));
+        (0..RESTORING_STEPS).for_each(|_| frame.restore(&truth, &mut found));
 
         let marker = true_points[vehicle.marker?]?;
         let (mut plan, mut height, mut speed, mut heading) = (vec![], vec![], vec![], vec![]);

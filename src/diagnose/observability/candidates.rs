@@ -17,7 +17,7 @@
 
 use super::names::number;
 use super::rows::{Coordinates, Rows, Sighting};
-use super::{Freedom, Kind, Part};
+use super::{DatumFreedom, Kind, Part};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::network::{Owner, point_motion, pose_motion};
@@ -30,13 +30,13 @@ const PARALLEL_RAD: f64 = 1e-9;
 /// What image points see of a pose by less than this, relative to what they see most, they do not see.
 const UNSEEN: f64 = 1e-9;
 /// In this order axes are named where a combination of several is open: heading first, shifts last.
-const ORDER: [(Freedom, usize); 6] = [
-    (Freedom::Rotation, 2),
-    (Freedom::Rotation, 0),
-    (Freedom::Rotation, 1),
-    (Freedom::Shift, 0),
-    (Freedom::Shift, 1),
-    (Freedom::Shift, 2),
+const ORDER: [(DatumFreedom, usize); 6] = [
+    (DatumFreedom::Rotation, 2),
+    (DatumFreedom::Rotation, 0),
+    (DatumFreedom::Rotation, 1),
+    (DatumFreedom::Shift, 0),
+    (DatumFreedom::Shift, 1),
+    (DatumFreedom::Shift, 2),
 ];
 
 /// A direction and its name. Its length is such that what it is about moves by about a metre.
@@ -358,11 +358,11 @@ impl Scene<'_> {
         }
         for (freedom, axis) in ORDER {
             match freedom {
-                Freedom::Rotation => {
+                DatumFreedom::Rotation => {
                     let turn = unit(axis) / radius;
                     add(Kind::World { freedom, axis }, &|x| turn.cross(&(x - middle)), turn);
                 }
-                Freedom::Shift => add(Kind::World { freedom, axis }, &|_| unit(axis), Vector3::zeros()),
+                DatumFreedom::Shift => add(Kind::World { freedom, axis }, &|_| unit(axis), Vector3::zeros()),
             }
         }
     }
@@ -467,8 +467,8 @@ impl Scene<'_> {
         for (freedom, axis) in ORDER {
             let mut direction = Vector6::zeros();
             match freedom {
-                Freedom::Shift => direction[axis] = 1.0,
-                Freedom::Rotation => {
+                DatumFreedom::Shift => direction[axis] = 1.0,
+                DatumFreedom::Rotation => {
                     let turn = unit(axis) / radius;
                     direction.fixed_rows_mut::<3>(0).copy_from(&-turn.cross(&middle));
                     direction.fixed_rows_mut::<3>(3).copy_from(&turn);

@@ -93,7 +93,7 @@ pub enum Class {
 
 /// What a direction does to a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Freedom {
+pub enum DatumFreedom {
     /// It shifts it.
     Shift,
     /// It rotates it.
@@ -119,7 +119,7 @@ pub enum Kind {
     /// Frame of the world.
     World {
         /// What it does.
-        freedom: Freedom,
+        freedom: DatumFreedom,
         /// Along or about which axis of the world.
         axis: usize,
     },
@@ -133,7 +133,7 @@ pub enum Kind {
         /// The vehicle.
         vehicle: usize,
         /// What it does.
-        freedom: Freedom,
+        freedom: DatumFreedom,
         /// Along or about which axis of the vehicle.
         axis: usize,
     },

@@ -1,7 +1,7 @@
 //! Names of directions, and a report of all of them for people.
 
 use super::rows::Coordinates;
-use super::{Class, Direction, Freedom, Kind, Observability, Part};
+use super::{Class, DatumFreedom, Direction, Kind, Observability, Part};
 use crate::network::{Owner, scale_gap};
 use crate::problem::Problem;
 use nalgebra::DVector;
@@ -35,10 +35,10 @@ const AXLE_NAMES: [&str; 2] = ["place of the rear axle", "rolling direction"];
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-fn along(freedom: Freedom, axis: usize) -> String {
+fn along(freedom: DatumFreedom, axis: usize) -> String {
     match freedom {
-        Freedom::Shift => format!("shift along {}", AXES[axis]),
-        Freedom::Rotation => format!("rotation about {}", AXES[axis]),
+        DatumFreedom::Shift => format!("shift along {}", AXES[axis]),
+        DatumFreedom::Rotation => format!("rotation about {}", AXES[axis]),
     }
 }
 
@@ -320,7 +320,7 @@ mod tests {
     fn directions_that_differ_by_their_axes_share_a_line() {
         let direction = |axis: usize, class: Class| Direction {
             name: format!("body frame of car1, shift along {}", AXES[axis]),
-            kind: Kind::BodyFrame { vehicle: 0, freedom: Freedom::Shift, axis },
+            kind: Kind::BodyFrame { vehicle: 0, freedom: DatumFreedom::Shift, axis },
             class,
             singular_ratio: 2e-5,
             held_by: None,

@@ -208,7 +208,7 @@ mod tests {
     }
 
     fn shift(axis: usize) -> Kind {
-        Kind::BodyFrame { vehicle: 0, freedom: super::super::Freedom::Shift, axis }
+        Kind::BodyFrame { vehicle: 0, freedom: super::super::DatumFreedom::Shift, axis }
     }
 
     #[test]

@@ -15,33 +15,43 @@ use super::p3p::p3p;
 use crate::camera::Camera;
 use crate::geometry::rotation::exp;
 use crate::geometry::{Pose, skew};
+use crate::rules::rules;
 use crate::stats::normal::GROSS_SIGMAS;
 use nalgebra::{Matrix2, Matrix2x3, Matrix2x6, Matrix6, Point3, Vector2, Vector3, Vector6};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use trackbundle_solver::loss::{Loss, LossName};
 
-/// Most triples that are tried in a frame. With 30 % gross errors one in three is good.
-const MOST_TRIPLES: usize = 60;
-/// Of so many random triples the widest is tried.
-const DRAWS: usize = 3;
-/// Frames with no more points than this try every root of every triple to the end.
-const FEW_POINTS: usize = 4;
-/// What a gross error costs beyond Tukey's loss: that one more point agrees by chance is that unlikely
-/// (some ten pixels across in an image of thousands).
-const GROSS_COST: f64 = 8.0;
-/// Distinct hypotheses that are finished by least squares.
-const MOST_FINISHED: usize = 4;
-/// A hypothesis is truncated at so many standard deviations: it rests on three noisy points.
-const HYPOTHESIS_SIGMAS: f64 = 12.0;
-/// Hypotheses nearer than this are the same \[rad, share of the distance\].
-const DISTINCT: f64 = 0.03;
-/// Finished poses nearer than this are the same one \[m, rad\].
-const SAME: [f64; 2] = [0.05, 1e-3];
-/// By what the loss is stretched in the first steps from a hypothesis.
-const FIRST_STRETCH: f64 = 4.0;
-const FIRST_STEPS: usize = 4;
-const MOST_STEPS: usize = 25;
+rules! {
+    /// Resection of one frame.
+    pub struct FrameResectionRules {
+        /// Most triples that are tried. With 30 % gross errors one in three is good.
+        most_triples: usize = 60, "triples";
+        /// Of so many random triples the widest is tried.
+        draws_for_a_triple: usize = 3, "triples";
+        /// Frames with no more try every root of every triple to the end.
+        few_points: usize = 4, "points";
+        /// What a gross error costs beyond Tukey's loss: that one more point agrees by chance is that unlikely
+        /// (some ten pixels across in an image of thousands).
+        gross_cost: f64 = 8.0, "half chi squared";
+        /// Distinct hypotheses that are finished by least squares.
+        most_finished: usize = 4, "hypotheses";
+        /// A hypothesis is truncated here: it rests on three noisy points.
+        hypothesis_sigmas: f64 = 12.0, "standard deviations";
+        /// Hypotheses nearer than this are the same.
+        distinct_hypothesis: f64 = 0.03, "rad, share of the distance";
+        /// Finished poses nearer than this are the same one.
+        same_pose: [f64; 2] = [0.05, 1e-3], "m, rad";
+        /// By what the loss is stretched in the first steps from a hypothesis ...
+        first_stretch: f64 = 4.0, "factor";
+        /// ... of which there are so many.
+        first_steps: usize = 4, "steps";
+        /// The most steps of least squares after them.
+        most_steps: usize = 25, "steps";
+    }
+}
+
+const RULES: FrameResectionRules = FrameResectionRules::DEFAULT;
 
 /// A control point in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,7 +102,7 @@ impl Fit {
 
     /// By what fits are compared: the cost, and a charge for each gross error.
     pub fn rating(&self) -> f64 {
-        self.cost + GROSS_COST * (self.norms.len() - self.used()) as f64
+        self.cost + RULES.gross_cost * (self.norms.len() - self.used()) as f64
     }
 
     /// Standard deviation of the position along its worst axis \[m\], and of the attitude \[rad\].
@@ -104,7 +114,8 @@ impl Fit {
     pub fn is_same(&self, other: &Fit) -> bool {
         let turn = self.pose.rotation.angle_to(&other.pose.rotation);
         let shift = (self.pose.translation.vector - other.pose.translation.vector).norm();
-        shift < SAME[0] && turn < SAME[1] || self.mahalanobis(other).is_some_and(|d2| d2 < 1.0)
+        shift < RULES.same_pose[0] && turn < RULES.same_pose[1]
+            || self.mahalanobis(other).is_some_and(|d2| d2 < 1.0)
     }
 
     fn mahalanobis(&self, other: &Fit) -> Option<f64> {
@@ -133,7 +144,7 @@ impl Frame<'_> {
             hypotheses.extend(p3p(&points, &rays).into_iter().map(|pose| (self.score(&pose), pose)));
         }
         hypotheses.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let most = if self.sightings.len() <= FEW_POINTS { usize::MAX } else { MOST_FINISHED };
+        let most = if self.sightings.len() <= RULES.few_points { usize::MAX } else { RULES.most_finished };
         let mut chosen: Vec<Pose> = Vec::new();
         for (_, pose) in hypotheses {
             if chosen.len() >= most {
@@ -150,16 +161,16 @@ impl Frame<'_> {
 
     fn is_distinct(&self, a: &Pose, b: &Pose) -> bool {
         let distance = (self.sightings[0].point - Point3::from(a.translation.vector)).norm();
-        a.rotation.angle_to(&b.rotation) > DISTINCT
-            || (a.translation.vector - b.translation.vector).norm() > DISTINCT * distance
+        a.rotation.angle_to(&b.rotation) > RULES.distinct_hypothesis
+            || (a.translation.vector - b.translation.vector).norm() > RULES.distinct_hypothesis * distance
     }
 
     /// Triples to try: all of them, or of random ones those that are widest in the image.
     fn triples(&self, seed: u64) -> Vec<[usize; 3]> {
         let count = self.sightings.len();
         let all = count * count.saturating_sub(1) * count.saturating_sub(2) / 6;
-        let mut triples = Vec::with_capacity(all.min(MOST_TRIPLES));
-        if all <= MOST_TRIPLES {
+        let mut triples = Vec::with_capacity(all.min(RULES.most_triples));
+        if all <= RULES.most_triples {
             for i in 0..count {
                 for j in i + 1..count {
                     triples.extend((j + 1..count).map(|k| [i, j, k]));
@@ -182,8 +193,8 @@ impl Frame<'_> {
             let ray = |at: usize| self.sightings[at].ray;
             (ray(*j) - ray(*i)).perp(&(ray(*k) - ray(*i))).abs()
         };
-        while triples.len() < MOST_TRIPLES {
-            let drawn: [_; DRAWS] = std::array::from_fn(|_| draw());
+        while triples.len() < RULES.most_triples {
+            let drawn: [_; RULES.draws_for_a_triple] = std::array::from_fn(|_| draw());
             triples.extend(drawn.into_iter().max_by(|a, b| area(a).total_cmp(&area(b))));
         }
         triples
@@ -192,7 +203,7 @@ impl Frame<'_> {
     /// Sum of the truncated squares of a hypothesis (MSAC; Torr and Zisserman 2000).
     fn score(&self, pose: &Pose) -> f64 {
         let camera_from_world = pose.rotation.inverse().to_rotation_matrix();
-        let truncated = HYPOTHESIS_SIGMAS * HYPOTHESIS_SIGMAS;
+        let truncated = RULES.hypothesis_sigmas * RULES.hypothesis_sigmas;
         let focal_px = self.camera.focal_px.mean();
         let one = |s: &Sighting| {
             let seen = camera_from_world * (s.point.coords - pose.translation.vector);
@@ -214,9 +225,9 @@ impl Frame<'_> {
         let loss = LossName::Tukey.with_scale(GROSS_SIGMAS, 0.0);
         let mut pose = *start;
         if is_rough {
-            pose = self.descend(pose, loss.stretched(FIRST_STRETCH), FIRST_STEPS);
+            pose = self.descend(pose, loss.stretched(RULES.first_stretch), RULES.first_steps);
         }
-        pose = self.descend(pose, loss, MOST_STEPS);
+        pose = self.descend(pose, loss, RULES.most_steps);
         let normal = self.normal(&pose, loss);
         let (mut squares, mut count) = (0.0, 0);
         for (sighting, norm) in self.sightings.iter().zip(&normal.norms) {

@@ -15,6 +15,7 @@ mod summary;
 use crate::camera::Camera;
 use crate::geometry::{Pose, interpolate};
 use crate::problem::{PoseSigma, Problem, Role};
+use crate::rules::{Rules, rules};
 use crate::stats::normal::GROSS_SIGMAS;
 use frame::{Fit, Frame, Sighting};
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -24,37 +25,49 @@ pub use summary::{Quality, warnings};
 use trackbundle_solver::loss::robust_spread;
 use trackbundle_solver::manifold::pose_minus;
 
-/// Worst standard deviation of the position \[m\] and of the attitude \[rad\] beyond which a frame is
-/// bridged: its targets are too poorly spread.
-pub const MOST_SIGMA: [f64; 2] = [1.0, std::f64::consts::PI / 180.0];
-/// Points that determine a pose so that an error among them shows.
-const CHECKED_POINTS: usize = 4;
-/// Half a difference of chi squared by which the best pose must beat the next.
-const MARGIN: f64 = 8.0;
-/// Squared distance from the predicted pose, in standard deviations, beyond which a pose is not the one
-/// that was predicted: a normal one (6 numbers) gets there once in 10,000.
-const PREDICTED: f64 = 28.0;
-/// With fewer points than this, chance may have brought four of them together: the pose must be near the
-/// path of the neighbours.
-const WELL_CHECKED_POINTS: usize = 6;
-/// Squared distance from that path, in standard deviations, of a pose that is none.
-const OUTCAST: f64 = 100.0;
-/// Of so many frames on either side the worst is dropped first: it spoils the path of the others.
-const REACH: usize = 8;
-/// Neighbours farther away predict nothing \[s\].
-const NEIGHBOUR_S: f64 = 2.0;
-/// Width of points across their best line, as a share of that along it, below which they are said to be
-/// on a line.
-const LINE_SHARE: f64 = 0.02;
-/// Rounds in which ambiguous frames are decided from the frames that were decided before.
-const MOST_ROUNDS: usize = 8;
-/// Sightings of a frame from which its residuals say how much image points scatter.
-const SPREAD_POINTS: usize = 6;
-/// From this scatter on (in standard deviations as stated) frames are searched again with it.
-const LEAST_SPREAD: f64 = 1.2;
-const MOST_SPREAD_ROUNDS: usize = 4;
-/// Standard deviations of given poses that come without \[m, rad\].
-const GIVEN_SIGMA: [f64; 2] = [0.3, 0.009];
+rules! {
+    /// Resection of all frames of a video.
+    pub struct ResectionRules {
+        /// Worst standard deviation of the position and of the attitude beyond which a frame is bridged: its
+        /// targets are too poorly spread.
+        most_sigma: [f64; 2] = [1.0, std::f64::consts::PI / 180.0], "m, rad";
+        /// So many determine a pose so that an error among them shows.
+        checked_points: usize = 4, "points";
+        /// By so much the best pose must beat the next.
+        rival_margin: f64 = 8.0, "half chi squared";
+        /// Squared distance from the predicted pose beyond which a pose is not the one that was predicted: a normal
+        /// one (6 numbers) gets there once in 10,000.
+        predicted_within: f64 = 28.0, "chi squared";
+        /// With fewer, chance may have brought four of them together: the pose must be near the path of the
+        /// neighbours.
+        well_checked_points: usize = 6, "points";
+        /// Squared distance from that path of a pose that is none.
+        off_path_beyond: f64 = 100.0, "chi squared";
+        /// Of so many on either side the worst is dropped first: it spoils the path of the others.
+        worst_of_frames_beside: usize = 8, "frames";
+        /// Neighbours farther away predict nothing.
+        neighbour_within_s: f64 = 2.0, "s";
+        /// Points less wide across their best line are said to be on a line.
+        line_width_share: f64 = 0.02, "share of the length";
+        /// Rounds in which ambiguous frames are decided from the frames that were decided before.
+        most_rounds: usize = 8, "rounds";
+        /// Sightings of a frame from which its residuals say how much image points scatter.
+        spread_least_points: usize = 6, "points";
+        /// From this scatter on frames are searched again with it ...
+        searched_again_spread: f64 = 1.2, "standard deviations as stated";
+        /// ... so often at the most.
+        most_spread_rounds: usize = 4, "rounds";
+        /// Standard deviations of given poses that come without.
+        given_sigma: [f64; 2] = [0.3, 0.009], "m, rad";
+    }
+}
+
+const RULES: ResectionRules = ResectionRules::DEFAULT;
+
+/// The constants of this stage.
+pub fn constants() -> [Rules; 3] {
+    [ResectionRules::PAGE, frame::FrameResectionRules::PAGE, path::CameraPathRules::PAGE]
+}
 
 /// How the pose of a frame was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,17 +77,17 @@ pub enum Status {
     /// From control points.
     Resected,
     /// From its neighbours.
-    Bridged(Reason),
+    Bridged(BridgeReason),
 }
 
 /// Why a frame was not resected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
+pub enum BridgeReason {
     /// Fewer than three control points with three known coordinates are in view.
     TooFew,
     /// They are nearly on one line: the rotation about it is open.
     OnALine,
-    /// The pose is not known to [`MOST_SIGMA`].
+    /// The pose is not known to [`ResectionRules::most_sigma`].
     PoorlySpread,
     /// Several poses fit, and the neighbours do not tell which is the right one.
     Ambiguous,
@@ -129,8 +142,8 @@ pub enum NotResectable {
     /// In every frame they are poorly spread.
     #[error(
         "no camera pose can be determined: the control targets in view are so poorly spread in every frame that the camera is not known to {} m and {:.0} degree",
-        MOST_SIGMA[0],
-        MOST_SIGMA[1].to_degrees()
+        RULES.most_sigma[0],
+        RULES.most_sigma[1].to_degrees()
     )]
     PoorlySpread,
     /// In every frame several poses fit.
@@ -164,7 +177,9 @@ pub fn resect_problem(problem: &Problem) -> Result<Resection, NotResectable> {
 
 fn given_covariance(sigma: &PoseSigma) -> Matrix6<f64> {
     let components = sigma.components();
-    Matrix6::from_diagonal(&Vector6::from_fn(|i, _| components[i].unwrap_or(GIVEN_SIGMA[i / 3]).powi(2)))
+    Matrix6::from_diagonal(&Vector6::from_fn(|i, _| {
+        components[i].unwrap_or(RULES.given_sigma[i / 3]).powi(2)
+    }))
 }
 
 /// Resects frames at `times_s` from what each sees of control; frames with a `given` pose (with its
@@ -186,9 +201,9 @@ pub fn resect(
     };
     let mut spread = 1.0;
     let mut fits = search(spread);
-    for _ in 0..MOST_SPREAD_ROUNDS {
+    for _ in 0..RULES.most_spread_rounds {
         let factor = spread_of(&fits);
-        if factor < LEAST_SPREAD {
+        if factor < RULES.searched_again_spread {
             break;
         }
         spread *= factor;
@@ -208,7 +223,7 @@ fn spread_of(fits: &[Vec<Fit>]) -> f64 {
     let mut squares = Vec::new();
     for fit in fits.iter().filter_map(|fits| fits.first()) {
         let count = fit.norms.len() as f64;
-        if fit.norms.len() >= SPREAD_POINTS {
+        if fit.norms.len() >= RULES.spread_least_points {
             // Six numbers of the pose take their share of the residuals.
             let freed = 2.0 * count / (2.0 * count - 6.0);
             squares.extend(fit.norms.iter().map(|norm| norm * norm * freed));
@@ -226,7 +241,7 @@ struct Film<'a> {
     /// Poses that fit each frame, the best first.
     fits: Vec<Vec<Fit>>,
     /// The fit of each frame that is decided, or why it is not.
-    chosen: Vec<Result<Fit, Reason>>,
+    chosen: Vec<Result<Fit, BridgeReason>>,
 }
 
 impl Film<'_> {
@@ -235,45 +250,48 @@ impl Film<'_> {
     }
 
     /// What a frame says by itself.
-    fn alone(&self, at: usize) -> Result<Fit, Reason> {
+    fn alone(&self, at: usize) -> Result<Fit, BridgeReason> {
         let seen = self.sightings[at].len();
         let Some(best) = self.fits[at].first() else {
             return Err(match seen {
-                0..3 => Reason::TooFew,
-                _ if is_on_a_line(&self.sightings[at]) => Reason::OnALine,
-                _ => Reason::Contradictory,
+                0..3 => BridgeReason::TooFew,
+                _ if is_on_a_line(&self.sightings[at]) => BridgeReason::OnALine,
+                _ => BridgeReason::Contradictory,
             });
         };
-        let is_rivalled = self.fits[at].get(1).is_some_and(|next| next.rating() < best.rating() + MARGIN);
+        let is_rivalled =
+            self.fits[at].get(1).is_some_and(|next| next.rating() < best.rating() + RULES.rival_margin);
         if is_rivalled && self.fits[at].iter().any(|fit| self.is_sound(at, fit).is_ok()) {
-            return Err(Reason::Ambiguous);
+            return Err(BridgeReason::Ambiguous);
         }
         self.is_sound(at, best)?;
         match best.used() {
             // Three points that allow one pose only are not checked by a fourth, but nothing is against it.
-            used if used >= CHECKED_POINTS || seen == 3 => Ok(best.clone()),
-            _ => Err(Reason::Ambiguous),
+            used if used >= RULES.checked_points || seen == 3 => Ok(best.clone()),
+            _ => Err(BridgeReason::Ambiguous),
         }
     }
 
     /// Whether three points, and at least half of those in view, agree on a fit and determine it.
-    fn is_sound(&self, at: usize, fit: &Fit) -> Result<(), Reason> {
+    fn is_sound(&self, at: usize, fit: &Fit) -> Result<(), BridgeReason> {
         let used = fit.used();
         if used < 3 || 2 * used < self.sightings[at].len() {
-            return Err(Reason::Contradictory);
+            return Err(BridgeReason::Contradictory);
         }
         self.is_determined(at, fit)
     }
 
     /// Whether the points that agree on a fit determine it.
-    fn is_determined(&self, at: usize, fit: &Fit) -> Result<(), Reason> {
+    fn is_determined(&self, at: usize, fit: &Fit) -> Result<(), BridgeReason> {
         let inside = self.sightings[at].iter().zip(&fit.norms).filter(|(_, norm)| **norm <= GROSS_SIGMAS);
         if is_on_a_line(inside.map(|(sighting, _)| sighting)) {
-            return Err(Reason::OnALine);
+            return Err(BridgeReason::OnALine);
         }
         match fit.largest_sigmas() {
-            Some([position_m, rad]) if position_m <= MOST_SIGMA[0] && rad <= MOST_SIGMA[1] => Ok(()),
-            _ => Err(Reason::PoorlySpread),
+            Some([position_m, rad]) if position_m <= RULES.most_sigma[0] && rad <= RULES.most_sigma[1] => {
+                Ok(())
+            }
+            _ => Err(BridgeReason::PoorlySpread),
         }
     }
 
@@ -288,7 +306,7 @@ impl Film<'_> {
 
     /// The decided frames next to a frame that are not too far away.
     fn neighbours(&self, at: usize) -> [Option<Anchor>; 2] {
-        let near = |anchor: &Anchor| (anchor.time_s - self.times_s[at]).abs() <= NEIGHBOUR_S;
+        let near = |anchor: &Anchor| (anchor.time_s - self.times_s[at]).abs() <= RULES.neighbour_within_s;
         let before = (0..at).rev().find_map(|k| self.anchor(k));
         let after = (at + 1..self.times_s.len()).find_map(|k| self.anchor(k));
         [before.filter(near), after.filter(near)]
@@ -320,7 +338,7 @@ impl Film<'_> {
 
     /// Decides frames that several poses fit by where their neighbours predict them.
     fn decide_by_neighbours(&mut self) {
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..RULES.most_rounds {
             let decided: Vec<Option<Fit>> =
                 (0..self.times_s.len()).into_par_iter().map(|at| self.most_probable(at)).collect();
             if decided.iter().all(Option::is_none) {
@@ -337,7 +355,7 @@ impl Film<'_> {
     /// Takes back poses on few points that lie far from the path of their neighbours.
     fn drop_outcasts(&mut self) {
         let distance = |film: &Self, at: usize| -> Option<f64> {
-            let fit = film.chosen[at].as_ref().ok().filter(|fit| fit.used() < WELL_CHECKED_POINTS)?;
+            let fit = film.chosen[at].as_ref().ok().filter(|fit| fit.used() < RULES.well_checked_points)?;
             if film.given[at].is_some() || film.neighbours(at) == [None, None] {
                 return None;
             }
@@ -345,17 +363,21 @@ impl Film<'_> {
             let gap = pose_minus(&fit.pose, &pose);
             Some(gap.dot(&(covariance + fit.covariance?).cholesky()?.solve(&gap)))
         };
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..RULES.most_rounds {
             let count = self.times_s.len();
             let off: Vec<f64> =
                 (0..count).into_par_iter().map(|at| distance(self, at).unwrap_or(0.0)).collect();
-            let beside = |at: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(count);
-            let is_outcast = |at: &usize| off[*at] > OUTCAST && beside(*at).all(|k| off[k] <= off[*at]);
+            let beside = |at: usize| {
+                at.saturating_sub(RULES.worst_of_frames_beside)
+                    ..(at + RULES.worst_of_frames_beside + 1).min(count)
+            };
+            let is_outcast =
+                |at: &usize| off[*at] > RULES.off_path_beyond && beside(*at).all(|k| off[k] <= off[*at]);
             let outcasts: Vec<usize> = (0..count).filter(is_outcast).collect();
             if outcasts.is_empty() {
                 break;
             }
-            outcasts.into_iter().for_each(|at| self.chosen[at] = Err(Reason::Contradictory));
+            outcasts.into_iter().for_each(|at| self.chosen[at] = Err(BridgeReason::Contradictory));
         }
     }
 
@@ -363,8 +385,10 @@ impl Film<'_> {
     /// frame, or of one in which less than half of the points agree.
     fn most_probable(&self, at: usize) -> Option<Fit> {
         let is_likely = |fit: &Fit| match &self.chosen[at] {
-            Err(Reason::Ambiguous) => self.is_sound(at, fit).is_ok(),
-            Err(Reason::Contradictory) => fit.used() >= CHECKED_POINTS && self.is_determined(at, fit).is_ok(),
+            Err(BridgeReason::Ambiguous) => self.is_sound(at, fit).is_ok(),
+            Err(BridgeReason::Contradictory) => {
+                fit.used() >= RULES.checked_points && self.is_determined(at, fit).is_ok()
+            }
             _ => false,
         };
         if !self.fits[at].iter().any(is_likely) || self.neighbours(at) == [None, None] {
@@ -376,12 +400,12 @@ impl Film<'_> {
             let Some(own) = fit.covariance.filter(|_| is_likely(fit)) else { continue };
             let gap = pose_minus(&fit.pose, &pose);
             let distance = gap.dot(&(covariance + own).cholesky()?.solve(&gap));
-            if distance < PREDICTED {
+            if distance < RULES.predicted_within {
                 rated.push((fit.rating() + 0.5 * distance, fit));
             }
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let is_rivalled = rated.get(1).is_some_and(|next| next.0 < rated[0].0 + MARGIN);
+        let is_rivalled = rated.get(1).is_some_and(|next| next.0 < rated[0].0 + RULES.rival_margin);
         rated.first().filter(|_| !is_rivalled).map(|(_, fit)| (*fit).clone())
     }
 
@@ -443,15 +467,16 @@ impl Film<'_> {
 
     /// Why no frame at all was resected: the reason of the frames that came farthest.
     fn why_none(&self) -> NotResectable {
-        let reasons: Vec<Reason> = self.chosen.iter().filter_map(|c| c.as_ref().err().copied()).collect();
-        let is_there = |reason: Reason| reasons.contains(&reason);
-        if is_there(Reason::Ambiguous) {
+        let reasons: Vec<BridgeReason> =
+            self.chosen.iter().filter_map(|c| c.as_ref().err().copied()).collect();
+        let is_there = |reason: BridgeReason| reasons.contains(&reason);
+        if is_there(BridgeReason::Ambiguous) {
             NotResectable::Ambiguous
-        } else if is_there(Reason::PoorlySpread) {
+        } else if is_there(BridgeReason::PoorlySpread) {
             NotResectable::PoorlySpread
-        } else if is_there(Reason::OnALine) {
+        } else if is_there(BridgeReason::OnALine) {
             NotResectable::OnALine
-        } else if is_there(Reason::Contradictory) {
+        } else if is_there(BridgeReason::Contradictory) {
             NotResectable::Contradictory
         } else {
             NotResectable::TooFew { most: self.sightings.iter().map(Vec::len).max().unwrap_or(0) }
@@ -466,7 +491,7 @@ fn is_on_a_line<'s>(sightings: impl IntoIterator<Item = &'s Sighting>) -> bool {
     let scatter: nalgebra::Matrix3<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
     let mut along: [f64; 3] = scatter.symmetric_eigenvalues().into();
     along.sort_by(f64::total_cmp);
-    along[1] <= LINE_SHARE * LINE_SHARE * along[2]
+    along[1] <= RULES.line_width_share * RULES.line_width_share * along[2]
 }
 
 #[cfg(test)]

@@ -7,21 +7,29 @@
 
 use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log, right_jacobian_inverse};
+use crate::rules::rules;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
 use trackbundle_solver::manifold::pose_minus;
 
-/// Scatter of the mean acceleration over one second, of a drone in wind \[m/s^2, rad/s^2\].
-const STRENGTH: [f64; 2] = [1.0, 0.1];
-/// Standard deviations before anything is known, from the first known pose \[m, rad\] and of the
-/// velocity \[m/s, rad/s\].
-const ANYWHERE: [f64; 2] = [50.0, 3.0];
-const ANY_VELOCITY: [f64; 2] = [20.0, 1.0];
-/// Known poses beside a gap that are looked at, on either side.
-const WINDOW: usize = 8;
-/// How far beyond the last known pose the velocity is kept \[s\]; then the camera is held.
-const KEPT_S: f64 = 0.5;
-/// Least standard deviations of a known pose \[m, rad\], which keep the filter sound.
-const LEAST_SIGMA: [f64; 2] = [1e-4, 1e-6];
+rules! {
+    /// The path of the camera across frames that are bridged.
+    pub struct CameraPathRules {
+        /// Scatter of the mean acceleration over one second, of a drone in wind.
+        acceleration_scatter: [f64; 2] = [1.0, 0.1], "m/s^2, rad/s^2";
+        /// Standard deviations before anything is known, from the first known pose ...
+        unknown_pose_sigma: [f64; 2] = [50.0, 3.0], "m, rad";
+        /// ... and of the velocity.
+        unknown_velocity_sigma: [f64; 2] = [20.0, 1.0], "m/s, rad/s";
+        /// Known poses beside a gap that are looked at, on either side.
+        window_poses: usize = 8, "poses";
+        /// How far beyond the last known pose the velocity is kept; then the camera is held.
+        velocity_kept_s: f64 = 0.5, "s";
+        /// Least standard deviations of a known pose, which keep the filter sound.
+        least_sigma: [f64; 2] = [1e-4, 1e-6], "m, rad";
+    }
+}
+
+const RULES: CameraPathRules = CameraPathRules::DEFAULT;
 
 /// A frame whose pose is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,12 +45,12 @@ pub struct Anchor {
 /// Pose and covariance at `times_s` (in order), from anchors (in order) before the first of them and
 /// after the last; `None` without any.
 pub fn between(before: &[Anchor], times_s: &[f64], after: &[Anchor]) -> Option<Vec<(Pose, Matrix6<f64>)>> {
-    let before = &before[before.len().saturating_sub(WINDOW)..];
-    let after = &after[..after.len().min(WINDOW)];
+    let before = &before[before.len().saturating_sub(RULES.window_poses)..];
+    let after = &after[..after.len().min(RULES.window_poses)];
     let reference = before.last().or(after.first())?.pose;
     let [earliest_s, latest_s] = [
-        before.last().map_or_else(|| after[0].time_s - KEPT_S, |a| a.time_s),
-        after.first().map_or_else(|| before[before.len() - 1].time_s + KEPT_S, |a| a.time_s),
+        before.last().map_or_else(|| after[0].time_s - RULES.velocity_kept_s, |a| a.time_s),
+        after.first().map_or_else(|| before[before.len() - 1].time_s + RULES.velocity_kept_s, |a| a.time_s),
     ];
     // Times: of the anchors, where the path is asked for, and where it is asked for its uncertainty.
     let mut steps: Vec<Step> = Vec::new();
@@ -91,7 +99,7 @@ impl Step {
         let turn: Vector3<f64> = log(&(reference.rotation.inverse() * anchor.pose.rotation));
         let mut jacobian = Matrix6::identity();
         jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&right_jacobian_inverse(&turn));
-        let least = Vector6::from_fn(|i, _| LEAST_SIGMA[i / 3].powi(2));
+        let least = Vector6::from_fn(|i, _| RULES.least_sigma[i / 3].powi(2));
         let covariance =
             jacobian * (anchor.covariance + Matrix6::from_diagonal(&least)) * jacobian.transpose();
         Step { time_s: anchor.time_s, measured: Some((value, covariance)) }
@@ -105,8 +113,8 @@ fn smooth(steps: &[Step]) -> Option<Vec<(State, StateCovariance)>> {
     state.fixed_rows_mut::<6>(0).copy_from(&first);
     let mut covariance = StateCovariance::zeros();
     for i in 0..6 {
-        covariance[(i, i)] = ANYWHERE[i / 3].powi(2);
-        covariance[(i + 6, i + 6)] = ANY_VELOCITY[i / 3].powi(2);
+        covariance[(i, i)] = RULES.unknown_pose_sigma[i / 3].powi(2);
+        covariance[(i + 6, i + 6)] = RULES.unknown_velocity_sigma[i / 3].powi(2);
     }
     let (mut filtered, mut predicted) = (Vec::with_capacity(steps.len()), Vec::with_capacity(steps.len()));
     let mut before_s = steps[0].time_s;
@@ -145,7 +153,7 @@ fn smooth(steps: &[Step]) -> Option<Vec<(State, StateCovariance)>> {
 fn motion(step_s: f64) -> (StateCovariance, StateCovariance) {
     let (mut transition, mut noise) = (StateCovariance::identity(), StateCovariance::zeros());
     for i in 0..6 {
-        let density = STRENGTH[i / 3].powi(2);
+        let density = RULES.acceleration_scatter[i / 3].powi(2);
         transition[(i, i + 6)] = step_s;
         noise[(i, i)] = density * step_s.powi(3) / 3.0;
         noise[(i, i + 6)] = density * step_s * step_s / 2.0;
@@ -226,16 +234,17 @@ mod tests {
         let mut normal = nalgebra::DMatrix::<f64>::zeros(n, n);
         let mut right = nalgebra::DVector::<f64>::zeros(n);
         for k in 0..6 {
-            normal[(2 * k + 1, 2 * k + 1)] += if k == 0 { ANY_VELOCITY[0].powi(-2) } else { 0.0 };
+            normal[(2 * k + 1, 2 * k + 1)] +=
+                if k == 0 { RULES.unknown_velocity_sigma[0].powi(-2) } else { 0.0 };
             if k != 3 {
-                let weight = 1.0 / (0.05_f64.powi(2) + LEAST_SIGMA[0].powi(2));
+                let weight = 1.0 / (0.05_f64.powi(2) + RULES.least_sigma[0].powi(2));
                 normal[(2 * k, 2 * k)] += weight;
                 right[2 * k] += weight * known[k].pose.translation.x;
             }
             if k > 0 {
                 let h = times[k] - times[k - 1];
                 let noise = nalgebra::Matrix2::new(h.powi(3) / 3.0, h * h / 2.0, h * h / 2.0, h)
-                    * STRENGTH[0].powi(2);
+                    * RULES.acceleration_scatter[0].powi(2);
                 let row = nalgebra::Matrix2x4::new(-1.0, -h, 1.0, 0.0, 0.0, -1.0, 0.0, 1.0);
                 let weight = row.transpose() * noise.try_inverse().unwrap() * row;
                 let mut view = normal.view_mut((2 * k - 2, 2 * k - 2), (4, 4));

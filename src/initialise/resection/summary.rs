@@ -1,7 +1,7 @@
 //! A resection in a few numbers and a few lines.
 
 use super::frame::largest_sigmas;
-use super::{FrameResection, Reason, Resection, Status};
+use super::{BridgeReason, FrameResection, Resection, Status};
 use crate::problem::Frame;
 use crate::stats::quantile::upper_median;
 
@@ -60,33 +60,33 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     upper_median(values.collect()).unwrap_or(0.0)
 }
 
-impl Reason {
+impl BridgeReason {
     /// In words that follow a number of targets.
     pub fn words(self) -> &'static str {
         match self {
-            Reason::TooFew => "in view",
-            Reason::OnALine => "in view, nearly on one line",
-            Reason::PoorlySpread => "in view, too poorly spread",
-            Reason::Ambiguous => "in view, which several poses fit",
-            Reason::Contradictory => "in view, which do not agree on a pose",
+            BridgeReason::TooFew => "in view",
+            BridgeReason::OnALine => "in view, nearly on one line",
+            BridgeReason::PoorlySpread => "in view, too poorly spread",
+            BridgeReason::Ambiguous => "in view, which several poses fit",
+            BridgeReason::Contradictory => "in view, which do not agree on a pose",
         }
     }
 
     /// In one word, for tables.
     pub fn name(self) -> &'static str {
         match self {
-            Reason::TooFew => "too_few_targets",
-            Reason::OnALine => "targets_on_a_line",
-            Reason::PoorlySpread => "targets_poorly_spread",
-            Reason::Ambiguous => "ambiguous",
-            Reason::Contradictory => "contradictory_targets",
+            BridgeReason::TooFew => "too_few_targets",
+            BridgeReason::OnALine => "targets_on_a_line",
+            BridgeReason::PoorlySpread => "targets_poorly_spread",
+            BridgeReason::Ambiguous => "ambiguous",
+            BridgeReason::Contradictory => "contradictory_targets",
         }
     }
 }
 
 /// What is odd about a resection: one line for each run of bridged frames, for so many as can be read.
 pub fn warnings(resection: &Resection, frames: &[Frame]) -> Vec<String> {
-    let mut runs: Vec<(Reason, std::ops::Range<usize>)> = Vec::new();
+    let mut runs: Vec<(BridgeReason, std::ops::Range<usize>)> = Vec::new();
     for (at, frame) in resection.frames.iter().enumerate() {
         let Status::Bridged(reason) = frame.status else { continue };
         match runs.last_mut() {

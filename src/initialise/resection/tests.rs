@@ -83,7 +83,12 @@ fn frames_that_see_too_little_are_bridged_and_named() {
     let resection = film.resect().unwrap();
     for (at, frame) in resection.frames.iter().enumerate() {
         let is_short = (20..30).contains(&at) || at == 59;
-        assert_eq!(frame.status == Status::Bridged(Reason::TooFew), is_short, "{at}: {:?}", frame.status);
+        assert_eq!(
+            frame.status == Status::Bridged(BridgeReason::TooFew),
+            is_short,
+            "{at}: {:?}",
+            frame.status
+        );
     }
     assert!(film.worst_m(&resection) < 0.5, "{}", film.worst_m(&resection));
     let lines = warnings(&resection, &frames(60));
@@ -190,7 +195,7 @@ fn a_pose_on_four_points_far_from_its_neighbours_is_taken_back() {
     wrong.norms[4..].fill(100.0);
     whole.chosen[30] = Ok(wrong);
     whole.drop_outcasts();
-    assert_eq!(whole.chosen[30].as_ref().err(), Some(&Reason::Contradictory));
+    assert_eq!(whole.chosen[30].as_ref().err(), Some(&BridgeReason::Contradictory));
     assert_eq!(whole.chosen.iter().filter(|chosen| chosen.is_err()).count(), 1);
 }
 

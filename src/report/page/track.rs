@@ -3,7 +3,7 @@
 use super::content::{Headline, Section, Table, cm, cm_or_dash, decimal};
 use super::figure::{Figure, Layer, colour};
 use crate::evaluate::VehicleEvaluation;
-use crate::evaluate::statistics::Statistics;
+use crate::evaluate::statistics::DifferenceStatistics;
 use crate::files::TrackPosition;
 use crate::stats::quantile::{median, quantile};
 use nalgebra::Point3;
@@ -157,7 +157,7 @@ fn differences(found: &VehicleEvaluation) -> Table {
             "sigma of the reference",
         ],
     );
-    let mut add = |name: &str, found: Option<&Statistics>, sigmas: [Option<f64>; 2]| {
+    let mut add = |name: &str, found: Option<&DifferenceStatistics>, sigmas: [Option<f64>; 2]| {
         let Some(s) = found else { return };
         let [own, reference] = sigmas.map(cm_or_dash);
         table.row([

@@ -5,38 +5,55 @@
 //! motion, heights and pattern adjusted together; again with each point's own height; then the body in
 //! the pattern, and the motion as a cone program.
 
-use super::body_axes::{Heading, place_body, scatter};
-use super::forward::{Foot, feet};
-use super::left_behind::left_behind;
-use super::motion_program::{self, Bound, Excess, Limits};
-use super::pattern::{KnownHeight, Pattern};
-use super::rigid_motion::{PlanePose, chain};
+pub mod body_axes;
+pub mod forward;
+pub mod motion_program;
+pub mod plane_adjustment;
+pub mod plane_motion;
+pub mod static_tracks;
+
 use crate::camera::Camera;
 use crate::geometry::{Pose, heading_rad};
 use crate::problem::{Frame, Vehicle};
+use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use crate::terrain::{Ground, Terrain};
+use body_axes::{Heading, place_body, scatter};
+use forward::{Foot, feet};
+use motion_program::{Bound, Excess, Limits};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use plane_adjustment::{KnownHeight, Pattern};
+use plane_motion::{PlanePose, chain};
+use static_tracks::static_tracks;
 use std::f64::consts::TAU;
 
-/// Mean height above the ground of the points of a car \[m\].
-const MEAN_HEIGHT_M: f64 = 0.8;
-/// Mean height of points as a share of the height of the highest.
-const MEAN_SHARE: f64 = 0.5;
-/// Least standard deviation of a known height \[m\].
-const LEAST_HEIGHT_SIGMA_M: f64 = 0.01;
-/// How far feet may be off because heights are not known: in the first round, and after it \[m\].
-const SLACK_M: [f64; 2] = [0.15, 0.04];
-/// How far beyond the usual a foot counts: in the first round, and after it.
-const REACH: [f64; 2] = [2.0, 1.2];
-/// Adjustments with feet found anew, after the second chain.
-const LAST_ROUNDS: usize = 2;
-/// Bounds of the standard deviations of data of the motion \[m, rad\].
-const PLACE_SIGMA_M: [f64; 2] = [0.01, 1.0];
-const HEADING_SIGMA: [f64; 2] = [0.003, 0.3];
-/// Scatter of the mean acceleration over one second: weak, so that only noise goes \[m/s^2, rad/s^2\].
-const ACCELERATION_SCATTER: f64 = 1.5;
-const TURN_SCATTER: f64 = 1.0;
+rules! {
+    /// Poses of vehicles that none are given of.
+    pub struct FoundPoseRules {
+        /// Mean height above the ground of the points of a car.
+        car_mean_height_m: f64 = 0.8, "m";
+        /// Mean height of points where the height of the highest is known.
+        mean_height_share: f64 = 0.5, "share of the height";
+        /// Least standard deviation of a known height.
+        least_height_sigma_m: f64 = 0.01, "m";
+        /// How far feet may be off because heights are not known: in the first round, and after it.
+        foot_slack_m: [f64; 2] = [0.15, 0.04], "m";
+        /// How far beyond the usual a foot counts: in the first round, and after it.
+        foot_reach_factor: [f64; 2] = [2.0, 1.2], "factor";
+        /// Adjustments with feet found anew, after the second chain.
+        last_rounds: usize = 2, "rounds";
+        /// Bounds of the standard deviation of a place as a datum of the motion.
+        place_sigma_m: [f64; 2] = [0.01, 1.0], "m";
+        /// The same of a heading.
+        heading_sigma_rad: [f64; 2] = [0.003, 0.3], "rad";
+        /// Scatter of the mean acceleration over one second: weak, so that only noise goes.
+        acceleration_scatter_mps2: f64 = 1.5, "m/s^2";
+        /// The same of turns.
+        turn_scatter_radps2: f64 = 1.0, "rad/s^2";
+    }
+}
+
+const RULES: FoundPoseRules = FoundPoseRules::DEFAULT;
 
 /// What no road vehicle does.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,20 +156,25 @@ pub fn find_poses(
     let places: Vec<_> = span
         .clone()
         .map(|f| {
-            datum(f)
-                .map(|(pose, s)| ([pose.place_m.x, pose.place_m.y], clamp(s[0].max(least_m), PLACE_SIGMA_M)))
+            datum(f).map(|(pose, s)| {
+                ([pose.place_m.x, pose.place_m.y], clamp(s[0].max(least_m), RULES.place_sigma_m))
+            })
         })
         .collect();
     let headings: Vec<_> = span
         .clone()
-        .map(|f| datum(f).map(|(pose, s)| ([pose.heading_rad], clamp(s[1].max(least_rad), HEADING_SIGMA))))
+        .map(|f| {
+            datum(f)
+                .map(|(pose, s)| ([pose.heading_rad], clamp(s[1].max(least_rad), RULES.heading_sigma_rad)))
+        })
         .collect();
     let of_place = Limits {
         rate: bounds.speed_mps,
         acceleration: Some(bounds.acceleration_mps2),
-        scatter: ACCELERATION_SCATTER,
+        scatter: RULES.acceleration_scatter_mps2,
     };
-    let of_heading = Limits { rate: bounds.turn_rad_per_s, acceleration: None, scatter: TURN_SCATTER };
+    let of_heading =
+        Limits { rate: bounds.turn_rad_per_s, acceleration: None, scatter: RULES.turn_scatter_radps2 };
     let place = motion_program::fit::<2>(&times, &places, &of_place)?;
     let heading = motion_program::fit::<1>(&times, &headings, &of_heading)?;
     let excesses =
@@ -184,8 +206,8 @@ fn stand(place_m: Vector2<f64>, heading_rad: f64, ground: &Ground) -> Pose {
     Pose::from_parts(Translation3::from(place_m.push(ground.height_m)), rotation)
 }
 
-/// For each point of a vehicle whether its track stays behind while the others drive on ([`left_behind`]).
-pub fn points_left_behind(
+/// For each point of a vehicle whether its track stays behind while the others drive on ([`static_tracks`]).
+pub fn static_points(
     vehicle: &Vehicle,
     camera: &Camera,
     camera_poses: &[Pose],
@@ -193,12 +215,13 @@ pub fn points_left_behind(
 ) -> Vec<bool> {
     let (_, heights) = first_heights(vehicle);
     let met = feet(&vehicle.observations, camera, camera_poses, &heights, terrain);
-    left_behind(&met, camera_poses.len(), vehicle.points.len())
+    static_tracks(&met, camera_poses.len(), vehicle.points.len())
 }
 
 /// The mean height of the points of a vehicle, and that of each as far as it is known beforehand \[m\].
 fn first_heights(vehicle: &Vehicle) -> (f64, Vec<f64>) {
-    let mean_m = vehicle.height.map_or(MEAN_HEIGHT_M, |height| MEAN_SHARE * height.value_m);
+    let mean_m =
+        vehicle.height.map_or(RULES.car_mean_height_m, |height| RULES.mean_height_share * height.value_m);
     let heights = vehicle.points.iter().map(|point| point.known[2].map_or(mean_m, |known| known.value_m));
     (mean_m, heights.collect())
 }
@@ -215,13 +238,16 @@ fn find_pattern(
         .iter()
         .map(|point| {
             let known = point.known[2]?;
-            Some(KnownHeight { value_m: known.value_m, sigma_m: known.sigma_m.max(LEAST_HEIGHT_SIGMA_M) })
+            Some(KnownHeight {
+                value_m: known.value_m,
+                sigma_m: known.sigma_m.max(RULES.least_height_sigma_m),
+            })
         })
         .collect();
     let (mean_m, mut heights) = first_heights(vehicle);
     let meet = |heights: &[f64]| feet(&vehicle.observations, camera, camera_poses, heights, terrain);
     let mut met: Vec<Foot> = meet(&heights);
-    let is_left = left_behind(&met, frames, vehicle.points.len());
+    let is_left = static_tracks(&met, frames, vehicle.points.len());
     let meet = |heights: &[f64]| -> Vec<Foot> {
         meet(heights).into_iter().filter(|foot| !is_left[foot.point]).collect()
     };
@@ -230,12 +256,12 @@ fn find_pattern(
         return Err(NoPoses::AllMiss { rays: vehicle.observations.len() });
     }
     let adjusted = |met: &[Foot], heights: &[f64], known: &[Option<KnownHeight>], round: usize| {
-        let links = chain(met, frames, vehicle.points.len(), SLACK_M[round]);
+        let links = chain(met, frames, vehicle.points.len(), RULES.foot_slack_m[round]);
         if links.patterns.is_empty() {
             return Err(NoPoses::TooFewPoints);
         }
         let mut pattern = Pattern::new(&links, heights, known, mean_m);
-        pattern.adjust(met, heights, REACH[round]);
+        pattern.adjust(met, heights, RULES.foot_reach_factor[round]);
         Ok(pattern)
     };
     let mut pattern = adjusted(&met, &heights, &known, 0)?;
@@ -244,15 +270,15 @@ fn find_pattern(
         && let Some(highest) = pattern.highest_point()
         && known[highest].is_none()
     {
-        let sigma_m = height.sigma_m.max(LEAST_HEIGHT_SIGMA_M);
+        let sigma_m = height.sigma_m.max(RULES.least_height_sigma_m);
         known[highest] = Some(KnownHeight { value_m: height.value_m, sigma_m });
     }
     met = meet(&heights);
     pattern = adjusted(&met, &heights, &known, 1)?;
-    for _ in 0..LAST_ROUNDS {
+    for _ in 0..RULES.last_rounds {
         heights = pattern.heights_m(&heights);
         met = meet(&heights);
-        pattern.adjust(&met, &heights, REACH[1]);
+        pattern.adjust(&met, &heights, RULES.foot_reach_factor[1]);
     }
     Ok(pattern)
 }

@@ -15,6 +15,7 @@
 
 use super::dlt::{LinearPoint, Sighting};
 use crate::problem::Known;
+use crate::rules::rules;
 use crate::stats::normal::GROSS_SIGMAS;
 use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix2x3, Matrix3, Point3, Vector2, Vector3};
@@ -22,24 +23,32 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use trackbundle_solver::loss::{Loss, LossName, robust_spread};
 
-/// A point whose depth is worse known than this share of its distance is said to have none: the camera
-/// hardly moves, and the point would drift along its ray.
-pub const LEAST_PARALLAX: f64 = 0.01;
-/// The same where the rays scatter more than stated and this is taken into account.
-const LEAST_REAL_PARALLAX: f64 = 0.1;
-/// Most pairs of rays that are tried.
-const MOST_PAIRS: usize = 100;
-/// Of so many random pairs the one with the widest angle is tried.
-const DRAWS: usize = 4;
-/// Rays by which hypotheses are compared; of more an even choice is taken.
-const MOST_JUDGES: usize = 200;
-/// Fewest rays that say anything about how they scatter.
-const SPREAD_RAYS: usize = 5;
-/// Cameras nearer together stand in one place \[m\].
-const STILL_M: f64 = 1e-6;
-const MOST_STEPS: usize = 20;
-/// Standard deviation that a coordinate known as exact is given here \[m\].
-const EXACT_SIGMA_M: f64 = 1e-6;
+rules! {
+    /// Robust intersection of rays.
+    pub struct TriangulationRules {
+        /// A point whose depth is worse known is said to have none: the camera hardly moves, and the point would
+        /// drift along its ray.
+        least_parallax: f64 = 0.01, "share of the distance";
+        /// The same where the rays scatter more than stated and this is taken into account.
+        least_scattered_parallax: f64 = 0.1, "share of the distance";
+        /// Most pairs of rays that are tried.
+        most_pairs: usize = 100, "pairs";
+        /// Of so many random pairs the one with the widest angle is tried.
+        draws_for_a_pair: usize = 4, "pairs";
+        /// Rays by which hypotheses are compared; of more an even choice is taken.
+        most_judging_rays: usize = 200, "rays";
+        /// Fewest rays that say anything about how they scatter.
+        spread_least_rays: usize = 5, "rays";
+        /// Cameras nearer together stand in one place.
+        still_camera_m: f64 = 1e-6, "m";
+        /// The most steps of least squares.
+        most_steps: usize = 20, "steps";
+        /// Standard deviation that a coordinate known as exact is given.
+        exact_sigma_m: f64 = 1e-6, "m";
+    }
+}
+
+const RULES: TriangulationRules = TriangulationRules::DEFAULT;
 const SEED: u64 = 7;
 
 /// A point and how well it is known.
@@ -86,7 +95,7 @@ pub fn triangulate(sightings: &[Sighting], known: &[Option<Known>; 3]) -> Result
     if is_still(sightings) && known.iter().all(Option::is_none) {
         return Err(NoPoint::Parallel { sigma_m: f64::INFINITY });
     }
-    let stride = sightings.len().div_ceil(MOST_JUDGES);
+    let stride = sightings.len().div_ceil(RULES.most_judging_rays);
     let judges: Vec<&Sighting> = sightings.iter().step_by(stride).collect();
     let middle = |point: &Point3<f64>| {
         upper_median(judges.iter().map(|s| norm(s, point)).collect()).unwrap_or(f64::INFINITY)
@@ -103,7 +112,7 @@ pub fn triangulate(sightings: &[Sighting], known: &[Option<Known>; 3]) -> Result
         return Err(NoPoint::Contradictory { good, all: judges.len() });
     }
     // The norm of two unit normal numbers has the median sqrt(2 ln 2). A pair fits itself.
-    let says_spread = sightings.len() >= SPREAD_RAYS;
+    let says_spread = sightings.len() >= RULES.spread_least_rays;
     let scale = if says_spread { (median / (2.0 * 2_f64.ln()).sqrt()).max(1.0) } else { 1.0 };
     let tukey = |spread: f64| LossName::Tukey.with_scale(GROSS_SIGMAS * spread, 0.0);
     let rough = descend(sightings, known, start, tukey(2.0 * scale));
@@ -125,7 +134,7 @@ pub fn triangulate(sightings: &[Sighting], known: &[Option<Known>; 3]) -> Result
     let distance_m = inside.map(|s| (s.camera_from_body * point).coords.norm()).fold(f64::INFINITY, f64::min);
     let sigma_m = covariance.symmetric_eigenvalues().max().max(0.0).sqrt();
     let real_m = sigma_m * spread;
-    if sigma_m > LEAST_PARALLAX * distance_m || real_m > LEAST_REAL_PARALLAX * distance_m {
+    if sigma_m > RULES.least_parallax * distance_m || real_m > RULES.least_scattered_parallax * distance_m {
         return Err(NoPoint::Parallel { sigma_m: real_m });
     }
     Ok(Triangulated { point, covariance, spread, is_good })
@@ -158,13 +167,13 @@ pub fn consensus(
 fn is_still(sightings: &[Sighting]) -> bool {
     let place = |s: &Sighting| s.camera_from_body.inverse().translation.vector;
     let first = place(&sightings[0]);
-    sightings.iter().all(|s| (place(s) - first).norm() < STILL_M)
+    sightings.iter().all(|s| (place(s) - first).norm() < RULES.still_camera_m)
 }
 
 /// Pairs of rays to try: all, or of random ones those with the widest angle.
 fn pairs(sightings: &[Sighting]) -> Vec<(usize, usize)> {
     let count = sightings.len();
-    if count * (count - 1) / 2 <= MOST_PAIRS {
+    if count * (count - 1) / 2 <= RULES.most_pairs {
         return (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j))).collect();
     }
     let direction = |at: usize| {
@@ -178,10 +187,10 @@ fn pairs(sightings: &[Sighting]) -> Vec<(usize, usize)> {
     };
     let sine = |(i, j): &(usize, usize)| direction(*i).cross(&direction(*j)).norm();
     let mut widest = || {
-        let drawn: [_; DRAWS] = std::array::from_fn(|_| draw());
+        let drawn: [_; RULES.draws_for_a_pair] = std::array::from_fn(|_| draw());
         drawn.into_iter().max_by(|a, b| sine(a).total_cmp(&sine(b))).unwrap_or((0, 1))
     };
-    (0..MOST_PAIRS).map(|_| widest()).collect()
+    (0..RULES.most_pairs).map(|_| widest()).collect()
 }
 
 /// Residual of a sighting in standard deviations, and its derivative by the point; `None` behind the
@@ -228,7 +237,7 @@ fn normal<'s>(
     }
     for (axis, known) in known.iter().enumerate() {
         let Some(Known { value_m, sigma_m }) = *known else { continue };
-        let weight = sigma_m.max(EXACT_SIGMA_M).powi(-2);
+        let weight = sigma_m.max(RULES.exact_sigma_m).powi(-2);
         let off_m = point[axis] - value_m;
         cost += 0.5 * weight * off_m * off_m;
         matrix[(axis, axis)] += weight;
@@ -247,7 +256,7 @@ fn descend(
     let mut point = start;
     let (mut matrix, mut gradient, mut cost) = normal(sightings.iter(), known, &point, loss);
     let mut damping = 0.0;
-    for _ in 0..MOST_STEPS {
+    for _ in 0..RULES.most_steps {
         let mut damped = matrix;
         (0..3).for_each(|i| damped[(i, i)] *= 1.0 + damping);
         let Some(step) = damped.cholesky().map(|factor| factor.solve(&-gradient)) else { break };

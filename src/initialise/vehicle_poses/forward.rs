@@ -15,11 +15,19 @@
 use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::problem::VehicleObservation;
+use crate::rules::rules;
 use crate::terrain::Terrain;
 use nalgebra::{Point3, Vector2};
 
-/// A ray that descends by less than this share of its length is said to miss the ground.
-const LEAST_DESCENT: f64 = 0.02;
+rules! {
+    /// Where rays meet the ground.
+    pub struct ForwardRules {
+        /// A ray that descends by less is said to miss the ground.
+        least_descent: f64 = 0.02, "share of the length";
+    }
+}
+
+const RULES: ForwardRules = ForwardRules::DEFAULT;
 
 /// The foot of a point of a body in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,7 +59,7 @@ pub fn feet(
         let ray = camera.ray(&observation.image_px)?;
         let pose = &camera_poses[observation.frame];
         let direction = (pose.rotation * ray.push(1.0)).normalize();
-        if direction.z > -LEAST_DESCENT {
+        if direction.z > -RULES.least_descent {
             return None;
         }
         let origin = Point3::from(pose.translation.vector);
@@ -59,7 +67,7 @@ pub fn feet(
         let met = terrain.intersect(&origin, &direction, height).ok()?;
         let ground = terrain.at(met.x, met.y).ok()?;
         let descent = direction.z - ground.slope.dot(&direction.xy());
-        if descent > -LEAST_DESCENT {
+        if descent > -RULES.least_descent {
             return None;
         }
         let normal = ground.normal().xy();

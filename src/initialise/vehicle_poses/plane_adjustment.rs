@@ -12,28 +12,40 @@
 //! so that the mean height needs to be known: from points of known height, else from what cars have.
 
 use super::forward::Foot;
-use super::rigid_motion::{Chain, PlanePose};
+use super::plane_motion::{Chain, PlanePose};
+use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix2x3, Matrix3, Rotation2, Vector2, Vector3};
 use trackbundle_solver::loss::LossName;
 
-/// How much heights of points scatter about their mean \[m\].
-const HEIGHT_SCATTER_M: f64 = 0.6;
-/// Standard deviation of the mean height of a body where no height is known \[m\].
-const MEAN_HEIGHT_SIGMA_M: f64 = 0.3;
-/// ... and where one is.
-const FREE_MEAN_SIGMA_M: f64 = 0.6;
-/// Share of its standard deviation that a known height is taken with: sightings are many, and off by
-/// more than their noise, since bodies pitch and roll.
-const KNOWN_SHARE: f64 = 0.1;
-/// Share of the distance to the camera that a point may be nearer.
-const LEAST_NEARER: f64 = 0.1;
-const MOST_STEPS: usize = 12;
-const MOST_CONJUGATE_STEPS: usize = 150;
-const CONJUGATE_TOLERANCE: f64 = 1e-5;
-const FIRST_DAMPING: f64 = 1e-6;
-/// A step that lowers the cost by less than this share is the last.
-const SETTLED: f64 = 1e-4;
+rules! {
+    /// Adjustment of poses in the plane and of the feet of points.
+    pub struct PlaneAdjustmentRules {
+        /// How much heights of points scatter about their mean.
+        height_scatter_m: f64 = 0.6, "m";
+        /// Standard deviation of the mean height of a body where no height is known ...
+        mean_height_sigma_m: f64 = 0.3, "m";
+        /// ... and where one is.
+        free_mean_height_sigma_m: f64 = 0.6, "m";
+        /// A known height is taken with this: sightings are many, and off by more than their noise, since bodies
+        /// pitch and roll.
+        known_height_sigma_share: f64 = 0.1, "share of its standard deviation";
+        /// A point is not taken to be nearer to the camera than this leaves.
+        least_distance_share: f64 = 0.1, "share of the distance to the camera";
+        /// The most steps of least squares.
+        most_steps: usize = 12, "steps";
+        /// The most steps of conjugate gradients in each.
+        most_conjugate_steps: usize = 150, "steps";
+        /// Conjugate gradients end below this.
+        conjugate_tolerance: f64 = 1e-5, "share of the first residual";
+        /// Damping of the first step, and the least.
+        first_damping: f64 = 1e-6, "factor";
+        /// A step that lowers the cost by less is the last.
+        settled_decrease: f64 = 1e-4, "share of the cost";
+    }
+}
+
+const RULES: PlaneAdjustmentRules = PlaneAdjustmentRules::DEFAULT;
 
 /// What is known of the height of a point \[m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,8 +197,8 @@ impl Pattern {
         let rise = at.z - start_m[foot.point];
         let off = foot.place_m + foot.by_height * rise - pose.place(&at.xy());
         let nearer = 1.0 - rise / foot.clearance_m;
-        if nearer < LEAST_NEARER {
-            let sigma_m = LEAST_NEARER * foot.sigma_m;
+        if nearer < RULES.least_distance_share {
+            let sigma_m = RULES.least_distance_share * foot.sigma_m;
             return (off / sigma_m, foot.by_height / sigma_m);
         }
         let sigma_m = nearer * foot.sigma_m;
@@ -204,8 +216,9 @@ impl Pattern {
     /// Mean height of the points whose height is not known, drawn to where it is expected, and the
     /// share by which a mean of ones is.
     fn mean(&self) -> (f64, f64) {
-        let mean_sigma = if self.has_known { FREE_MEAN_SIGMA_M } else { MEAN_HEIGHT_SIGMA_M };
-        let extra = (HEIGHT_SCATTER_M / mean_sigma).powi(2);
+        let mean_sigma =
+            if self.has_known { RULES.free_mean_height_sigma_m } else { RULES.mean_height_sigma_m };
+        let extra = (RULES.height_scatter_m / mean_sigma).powi(2);
         let free = self.nodes.iter().zip(&self.known).filter(|(_, known)| known.is_none());
         let (sum, count) = free.fold((0.0, 0.0), |(sum, count), (node, _)| (sum + node.z, count + 1.0));
         ((sum + extra * self.mean_m) / (count + extra), 1.0 / (count + extra))
@@ -213,10 +226,13 @@ impl Pattern {
 
     fn prior_cost(&self) -> f64 {
         let (mean, _) = self.mean();
-        let mean_sigma = if self.has_known { FREE_MEAN_SIGMA_M } else { MEAN_HEIGHT_SIGMA_M };
+        let mean_sigma =
+            if self.has_known { RULES.free_mean_height_sigma_m } else { RULES.mean_height_sigma_m };
         let of = |(node, known): (&Vector3<f64>, &Option<KnownHeight>)| match known {
-            Some(known) => ((node.z - known.value_m) / (KNOWN_SHARE * known.sigma_m)).powi(2),
-            None => ((node.z - mean) / HEIGHT_SCATTER_M).powi(2),
+            Some(known) => {
+                ((node.z - known.value_m) / (RULES.known_height_sigma_share * known.sigma_m)).powi(2)
+            }
+            None => ((node.z - mean) / RULES.height_scatter_m).powi(2),
         };
         let scatter: f64 = self.nodes.iter().zip(&self.known).map(of).sum();
         0.5 * (scatter + ((mean - self.mean_m) / mean_sigma).powi(2))
@@ -225,8 +241,8 @@ impl Pattern {
     /// Adjusts to `feet` that were found for the heights `start_m`. What is off by much more than
     /// `reach` times the spread is gross.
     pub fn adjust(&mut self, feet: &[Foot], start_m: &[f64], reach: f64) {
-        let mut damping = FIRST_DAMPING;
-        for _ in 0..MOST_STEPS {
+        let mut damping = RULES.first_damping;
+        for _ in 0..RULES.most_steps {
             let squares = self.squares(feet, start_m);
             self.spread = spread(&squares);
             let loss = LossName::Tukey.with_scale(LossName::Tukey.default_scale() * reach * self.spread, 0.0);
@@ -243,8 +259,8 @@ impl Pattern {
             let after = cost_of(&trial);
             if after < before {
                 *self = trial;
-                damping = (damping / 10.0).max(FIRST_DAMPING);
-                if before - after < SETTLED * before {
+                damping = (damping / 10.0).max(RULES.first_damping);
+                if before - after < RULES.settled_decrease * before {
                     break;
                 }
             } else if damping > 1.0 {
@@ -270,7 +286,7 @@ impl Pattern {
                 self.agreeing[foot.frame] += 1;
             }
         }
-        let normal = self.normal(feet, start_m, |s| if s < most { 1.0 } else { 0.0 }, FIRST_DAMPING);
+        let normal = self.normal(feet, start_m, |s| if s < most { 1.0 } else { 0.0 }, RULES.first_damping);
         self.sigma.iter_mut().for_each(|s| *s = [f64::INFINITY; 2]);
         for rows in &normal.frames {
             let variance = rows.inverse.diagonal() * self.spread.powi(2);
@@ -289,7 +305,7 @@ impl Pattern {
                 let Some((pose, node)) = self.node_of(foot) else { continue };
                 let (residual, by_height) = self.residual(foot, start_m, &pose, node);
                 let rise = self.nodes[node].z - start_m[foot.point];
-                let sigma_m = foot.sigma_m * (1.0 - rise / foot.clearance_m).max(LEAST_NEARER);
+                let sigma_m = foot.sigma_m * (1.0 - rise / foot.clearance_m).max(RULES.least_distance_share);
                 let weight = weight(residual.norm_squared());
                 let turn = Rotation2::new(pose.heading_rad);
                 let arm = turn * self.nodes[node].xy();
@@ -326,8 +342,8 @@ impl Pattern {
         let (mean, _) = self.mean();
         for (node, known) in self.known.iter().enumerate() {
             let (value, sigma) = match known {
-                Some(known) => (known.value_m, KNOWN_SHARE * known.sigma_m),
-                None => (mean, HEIGHT_SCATTER_M),
+                Some(known) => (known.value_m, RULES.known_height_sigma_share * known.sigma_m),
+                None => (mean, RULES.height_scatter_m),
             };
             for axis in 0..3 {
                 blocks[node][(axis, axis)] = blocks[node][(axis, axis)] * (1.0 + damping) + 1e-6;
@@ -355,7 +371,7 @@ impl Pattern {
         let (_, share) = self.mean();
         let free = || self.known.iter().enumerate().filter(|(_, known)| known.is_none());
         let sum: f64 = free().map(|(node, _)| vector[node].z).sum();
-        let pull = (self.spread / HEIGHT_SCATTER_M).powi(2) * share * sum;
+        let pull = (self.spread / RULES.height_scatter_m).powi(2) * share * sum;
         free().for_each(|(node, _)| out[node].z -= pull);
     }
 
@@ -382,8 +398,8 @@ impl Pattern {
         let mut energy = dot(&residual, &scaled);
         let first = energy;
         let mut image = vec![Vector3::zeros(); count];
-        for _ in 0..MOST_CONJUGATE_STEPS {
-            if energy.is_nan() || energy <= CONJUGATE_TOLERANCE.powi(2) * first {
+        for _ in 0..RULES.most_conjugate_steps {
+            if energy.is_nan() || energy <= RULES.conjugate_tolerance.powi(2) * first {
                 break;
             }
             self.apply(normal, &direction, &mut image);

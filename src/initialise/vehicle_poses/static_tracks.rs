@@ -9,48 +9,62 @@
 //! stay and none is left behind.
 
 use super::forward::Foot;
+use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use nalgebra::Vector2;
 
-/// What shifts less than this may be said to stay \[m\].
-const STAYS_M: f64 = 1.0;
-/// It stays if it shifts less than this share of what the others do.
-const STAYS: f64 = 0.25;
-/// Shifts are alike that differ by less than this share of their median.
-const ALIKE: f64 = 0.5;
-/// Fewest tracks that drive on, and their least share of all that are seen in the same frames.
-const LEAST_DRIVING: usize = 3;
-const DRIVING: f64 = 1.0 / 3.0;
-/// Fewest frames of a track that say anything, and of another one in these.
-const LEAST_FRAMES: usize = 8;
+rules! {
+    /// Tracks that stay on the ground while a body drives on.
+    pub struct StaticTrackRules {
+        /// What shifts less may be said to stay.
+        most_static_shift_m: f64 = 1.0, "m";
+        /// It stays if it shifts less than this.
+        most_static_share: f64 = 0.25, "share of the shift of others";
+        /// Shifts are alike that differ by less.
+        alike_within_share: f64 = 0.5, "share of their median";
+        /// Fewest tracks that drive on.
+        least_driving_tracks: usize = 3, "tracks";
+        /// Their least share.
+        least_driving_share: f64 = 1.0 / 3.0, "share of tracks in the same frames";
+        /// Fewest frames of a track that say anything, and of another one in these.
+        least_frames: usize = 8, "frames";
+    }
+}
+
+const RULES: StaticTrackRules = StaticTrackRules::DEFAULT;
 
 /// For each point whether its track is left behind. `feet` are sorted by frame.
-pub fn left_behind(feet: &[Foot], frames: usize, points: usize) -> Vec<bool> {
+pub fn static_tracks(feet: &[Foot], frames: usize, points: usize) -> Vec<bool> {
     let mut tracks: Vec<Vec<(usize, Vector2<f64>)>> = vec![Vec::new(); points];
     feet.iter().for_each(|foot| tracks[foot.point].push((foot.frame, foot.place_m)));
     let own: Vec<Option<Vector2<f64>>> = tracks.iter().map(|track| shift_m(track, |_| true)).collect();
-    let drives = |own: &Option<Vector2<f64>>| own.is_some_and(|shift| shift.norm() >= STAYS_M);
+    let drives =
+        |own: &Option<Vector2<f64>>| own.is_some_and(|shift| shift.norm() >= RULES.most_static_shift_m);
     let mut is_left = vec![false; points];
-    if own.iter().filter(|own| drives(own)).count() < LEAST_DRIVING {
+    if own.iter().filter(|own| drives(own)).count() < RULES.least_driving_tracks {
         return is_left;
     }
     let mut is_seen = vec![false; frames];
     for point in 0..points {
-        let Some(own) = own[point].filter(|shift| shift.norm() < STAYS_M) else { continue };
+        let Some(own) = own[point].filter(|shift| shift.norm() < RULES.most_static_shift_m) else { continue };
         is_seen.fill(false);
         tracks[point].iter().for_each(|(frame, _)| is_seen[*frame] = true);
         let others = tracks.iter().enumerate().filter(|(other, _)| *other != point);
         let shifts: Vec<Vector2<f64>> =
             others.filter_map(|(_, track)| shift_m(track, |frame| is_seen[frame])).collect();
         let driving: Vec<Vector2<f64>> =
-            shifts.iter().copied().filter(|shift| shift.norm() >= STAYS_M).collect();
-        let needed = LEAST_DRIVING.max((DRIVING * shifts.len() as f64).ceil() as usize);
+            shifts.iter().copied().filter(|shift| shift.norm() >= RULES.most_static_shift_m).collect();
+        let needed =
+            RULES.least_driving_tracks.max((RULES.least_driving_share * shifts.len() as f64).ceil() as usize);
         if driving.len() < needed {
             continue;
         }
         let common = middle(driving.clone());
-        let alike = driving.iter().filter(|shift| (**shift - common).norm() < ALIKE * common.norm()).count();
-        is_left[point] = alike >= needed && own.norm() < STAYS * common.norm();
+        let alike = driving
+            .iter()
+            .filter(|shift| (**shift - common).norm() < RULES.alike_within_share * common.norm())
+            .count();
+        is_left[point] = alike >= needed && own.norm() < RULES.most_static_share * common.norm();
     }
     is_left
 }
@@ -60,7 +74,7 @@ fn shift_m(track: &[(usize, Vector2<f64>)], is_wanted: impl Fn(usize) -> bool) -
     let wanted: Vec<Vector2<f64>> =
         track.iter().filter(|(frame, _)| is_wanted(*frame)).map(|(_, place)| *place).collect();
     let (first, second) = wanted.split_at(wanted.len() / 2);
-    (wanted.len() >= LEAST_FRAMES).then(|| middle(second.to_vec()) - middle(first.to_vec()))
+    (wanted.len() >= RULES.least_frames).then(|| middle(second.to_vec()) - middle(first.to_vec()))
 }
 
 /// The median of each coordinate.
@@ -96,7 +110,7 @@ mod tests {
     #[test]
     fn tracks_on_the_road_are_told_from_those_that_drive_on_also_where_they_are_more() {
         for (staying, gross) in [(0, 0.4), (3, 0.0), (15, 0.0), (18, 0.3)] {
-            let found = left_behind(&feet(staying, 10.0, gross), 60, 30);
+            let found = static_tracks(&feet(staying, 10.0, gross), 60, 30);
             let wanted: Vec<bool> = (0..30).map(|point| point < staying).collect();
             assert_eq!(found, wanted, "{staying} of 30 stay");
         }
@@ -104,9 +118,9 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_stands_is_left_whole() {
-        assert_eq!(left_behind(&feet(0, 0.0, 0.3), 60, 30), [false; 30]);
+        assert_eq!(static_tracks(&feet(0, 0.0, 0.3), 60, 30), [false; 30]);
         // Two tracks that drive on are not the vehicle.
-        assert_eq!(left_behind(&feet(28, 10.0, 0.0), 60, 30), [false; 30]);
-        assert!(left_behind(&[], 60, 30).iter().all(|left| !left));
+        assert_eq!(static_tracks(&feet(28, 10.0, 0.0), 60, 30), [false; 30]);
+        assert!(static_tracks(&[], 60, 30).iter().all(|left| !left));
     }
 }

@@ -16,22 +16,30 @@
 use crate::geometry::Pose;
 use crate::problem::Known;
 use crate::residuals::inside_body::BODY_MIDDLE_M;
+use crate::rules::rules;
 use crate::stats::normal::median_of_norm_2;
 use crate::stats::quantile::upper_median;
 use nalgebra::{Dyn, Matrix3, OMatrix, OVector, Point3, U3, Vector2, Vector3};
 use trackbundle_solver::loss::LossName;
 
-/// Smallest ratio of singular values at which the rays are said to meet.
-const LEAST_RATIO: f64 = 1e-7;
-/// Standard deviation that a coordinate known as exact is given here \[m\].
-const EXACT_SIGMA_M: f64 = 1e-6;
-/// Ratio of root mean square to median of residuals beyond which their tails are heavy. Normal
-/// errors of two coordinates have 1.20.
-const HEAVY_TAIL: f64 = 1.5;
-/// Re-weightings of [`LinearPoint::polish`].
-const POLISH_STEPS: usize = 5;
-/// Fewest sightings that say anything about tails.
-const TAIL_SIGHTINGS: usize = 5;
+rules! {
+    /// Intersection of rays by linear least squares.
+    pub struct DltRules {
+        /// Smallest ratio of singular values at which the rays are said to meet.
+        least_singular_ratio: f64 = 1e-7, "ratio";
+        /// Standard deviation that a coordinate known as exact is given.
+        exact_sigma_m: f64 = 1e-6, "m";
+        /// Ratio of root mean square to median of residuals beyond which their tails are heavy. Normal errors of
+        /// two coordinates have 1.20.
+        heavy_tail_ratio: f64 = 1.5, "ratio";
+        /// Re-weightings of [`LinearPoint::polish`].
+        polish_steps: usize = 5, "steps";
+        /// Fewest sightings that say anything about tails.
+        tail_least_sightings: usize = 5, "sightings";
+    }
+}
+
+const RULES: DltRules = DltRules::DEFAULT;
 
 /// A ray to a point from one frame.
 #[derive(Clone, Copy, Debug)]
@@ -73,7 +81,7 @@ impl LinearPoint {
         }
         let known = known.iter().enumerate().filter_map(|(axis, known)| Some((axis, (*known)?)));
         for (at, (axis, known)) in known.enumerate() {
-            let weight = 1.0 / known.sigma_m.max(EXACT_SIGMA_M);
+            let weight = 1.0 / known.sigma_m.max(RULES.exact_sigma_m);
             rows[(2 * sightings.len() + at, axis)] = weight;
             right[2 * sightings.len() + at] = weight * known.value_m;
         }
@@ -88,7 +96,7 @@ impl LinearPoint {
         let qr = self.rows.clone().qr();
         let upper: Matrix3<f64> = qr.r().fixed_view::<3, 3>(0, 0).into();
         let singular = upper.singular_values();
-        if singular.min() <= LEAST_RATIO * singular.max() {
+        if singular.min() <= RULES.least_singular_ratio * singular.max() {
             return None;
         }
         let projected = qr.q().tr_mul(&self.right);
@@ -136,7 +144,7 @@ impl LinearPoint {
     pub fn polish(&self, start: &Point3<f64>, spread: f64) -> Option<Point3<f64>> {
         let loss = LossName::Tukey.with_scale(LossName::Tukey.default_scale() * spread, 0.0);
         let mut point = *start;
-        for _ in 0..POLISH_STEPS {
+        for _ in 0..RULES.polish_steps {
             let mut weighted = self.clone();
             for (at, norm) in self.residual_norms(&point).into_iter().enumerate() {
                 let root = loss.weight(norm * norm).sqrt();
@@ -153,11 +161,11 @@ impl LinearPoint {
     /// Whether some sightings fit much worse than most.
     pub fn has_heavy_tails(&self, point: &Point3<f64>) -> bool {
         let norms = self.residual_norms(point);
-        if norms.len() < TAIL_SIGHTINGS {
+        if norms.len() < RULES.tail_least_sightings {
             return false;
         }
         let mean_square = norms.iter().map(|n| n * n).sum::<f64>() / norms.len() as f64;
-        mean_square.sqrt() > HEAVY_TAIL * upper_median(norms).unwrap_or(0.0).max(1.0)
+        mean_square.sqrt() > RULES.heavy_tail_ratio * upper_median(norms).unwrap_or(0.0).max(1.0)
     }
 }
 

@@ -15,7 +15,8 @@
 //! to `n` frames in a row are overruled; where more than that demand it, the bound gives way, and which
 //! one, when and by how much is reported. Frames without a datum lie where the motion is smoothest.
 
-use super::robust_dlt::Triplets;
+use crate::initialise::shape::robust_dlt::Triplets;
+use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -23,12 +24,19 @@ use clarabel::solver::{
     SupportedConeT,
 };
 
-/// Where a residual turns linear, in standard deviations.
-const HUBER: f64 = 1.5;
-/// Data that disagree with a bound for longer than this make it give way \[s\].
-const PATIENCE_S: f64 = 0.2;
-/// A bound that is exceeded by less than this share is held.
-const HELD: f64 = 0.02;
+rules! {
+    /// Motion of a vehicle as a cone program.
+    pub struct MotionRules {
+        /// Where a residual turns linear.
+        huber_sigmas: f64 = 1.5, "standard deviations";
+        /// Data that disagree with a bound for longer make it give way.
+        patience_s: f64 = 0.2, "s";
+        /// A bound that is exceeded by less is held.
+        held_within_share: f64 = 0.02, "share of the bound";
+    }
+}
+
+const RULES: MotionRules = MotionRules::DEFAULT;
 
 /// A bound on a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -275,9 +283,9 @@ impl<'a, const D: usize> Program<'a, D> {
     /// The linear part: large residuals, and what is given up of bounds.
     fn cost(&self) -> Vec<f64> {
         let mut cost = vec![0.0; self.unknowns()];
-        (0..self.given.len()).for_each(|datum| cost[self.u(datum)] = HUBER);
-        let patience = (PATIENCE_S / self.typical_step_s).clamp(3.0, 100.0);
-        let force = HUBER * self.unit / self.typical_sigma;
+        (0..self.given.len()).for_each(|datum| cost[self.u(datum)] = RULES.huber_sigmas);
+        let patience = (RULES.patience_s / self.typical_step_s).clamp(3.0, 100.0);
+        let force = RULES.huber_sigmas * self.unit / self.typical_sigma;
         (0..self.steps.len()).for_each(|step| cost[self.b(step)] = patience * force);
         (0..self.bounded_bends()).for_each(|bend| cost[self.c(bend)] = patience * patience * force);
         cost
@@ -321,10 +329,10 @@ fn excesses<const D: usize>(times_s: &[f64], values: &[[f64; D]], limits: &Limit
     };
     let mut found: Vec<Excess> = Vec::new();
     let mut add = |bound: Bound, from: f64, to: f64, reached: f64, limit: f64| {
-        if reached <= limit * (1.0 + HELD) {
+        if reached <= limit * (1.0 + RULES.held_within_share) {
             return;
         }
-        let near = |e: &&mut Excess| e.bound == bound && from - e.time_s[1] <= PATIENCE_S;
+        let near = |e: &&mut Excess| e.bound == bound && from - e.time_s[1] <= RULES.patience_s;
         if let Some(last) = found.iter_mut().rev().find(near) {
             last.time_s[1] = to;
             last.reached = last.reached.max(reached);
@@ -431,7 +439,7 @@ mod tests {
         let found = fit(&times, &along(&times, x, 0.0), &limits).unwrap();
         for (pair, time) in found.values.windows(2).zip(times.windows(2)) {
             let speed = (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]) / (time[1] - time[0]);
-            assert!(speed < 8.0 * (1.0 + HELD), "{speed}");
+            assert!(speed < 8.0 * (1.0 + RULES.held_within_share), "{speed}");
         }
     }
 

@@ -9,6 +9,7 @@
 //! turn out to share points are joined.
 
 use super::forward::Foot;
+use crate::rules::rules;
 use crate::stats::quantile::upper_median;
 use nalgebra::{Rotation2, Vector2};
 
@@ -55,20 +56,27 @@ pub struct Chain {
     pub patterns: Vec<Vec<Option<Vector2<f64>>>>,
 }
 
-/// How many of the latest sightings the position of a point in the pattern is the median of.
-const RECENT: usize = 45;
-/// Pairs of feet that are tried for a frame.
-const PAIRS: usize = 150;
-/// A frame is placed if this share of what it shares with the pattern agrees.
-const LEAST_SHARE: f64 = 0.25;
-/// If this share agrees with the motion before, no pair is tried.
-const GOOD_SHARE: f64 = 0.85;
-/// Frames in a row that do not fit the pattern before another is begun.
-const PATIENCE: usize = 12;
-/// Feet nearer to each other than this give no direction \[m\].
-const LEAST_BASE_M: f64 = 0.3;
-/// How far a frame with two shared points may turn from the motion before it \[rad\].
-const NEAR_TURN: f64 = 0.5;
+rules! {
+    /// Motion of a rigid pattern of feet in the plane.
+    pub struct PlaneMotionRules {
+        /// The position of a point in the pattern is the median of so many of the latest.
+        recent_sightings: usize = 45, "sightings";
+        /// Pairs of feet that are tried for a frame.
+        most_pairs: usize = 150, "pairs";
+        /// A frame is placed if so much agrees.
+        placed_share: f64 = 0.25, "share of what is shared with the pattern";
+        /// If so much agrees with the motion before, no pair is tried.
+        predicted_share: f64 = 0.85, "share of what is shared with the pattern";
+        /// Frames in a row that do not fit the pattern before another is begun.
+        most_failures: usize = 12, "frames";
+        /// Feet nearer to each other give no direction.
+        least_base_m: f64 = 0.3, "m";
+        /// How far a frame with two shared points may turn from the motion before it.
+        most_turn_of_two_rad: f64 = 0.5, "rad";
+    }
+}
+
+const RULES: PlaneMotionRules = PlaneMotionRules::DEFAULT;
 
 /// One pair of a foot and its position in the pattern.
 #[derive(Clone, Copy, Debug)]
@@ -92,10 +100,10 @@ struct Member {
 
 impl Member {
     fn take(&mut self, pattern_m: Vector2<f64>, agrees: Option<bool>) {
-        if self.recent.len() < RECENT {
+        if self.recent.len() < RULES.recent_sightings {
             self.recent.push(pattern_m);
         } else {
-            self.recent[self.next % RECENT] = pattern_m;
+            self.recent[self.next % RULES.recent_sightings] = pattern_m;
             self.next += 1;
         }
         let median = |axis: usize| upper_median(self.recent.iter().map(|p| p[axis]).collect()).unwrap_or(0.0);
@@ -127,7 +135,9 @@ pub fn chain(feet: &[Foot], frames: usize, points: usize, slack_m: f64) -> Chain
             failures += 1;
             let is_young = before.len() < 2;
             let shared = parts.last().map_or(0, |members| pairs(feet, members, slack_m).0.len());
-            if feet.len() >= 2 && (parts.is_empty() || is_young || shared < 2 || failures > PATIENCE) {
+            if feet.len() >= 2
+                && (parts.is_empty() || is_young || shared < 2 || failures > RULES.most_failures)
+            {
                 if is_young && !parts.is_empty() && shared >= 2 {
                     // The frame that it began with may have been the bad one.
                     parts.pop();
@@ -191,7 +201,7 @@ fn go_back(found: &mut Chain, feet: &[Foot], part: usize, members: &mut [Member]
                 Some(again.filter(|again| score(&pairs, again) > score(&pairs, &pose)).unwrap_or(pose))
             }
             Some(_) if !smaller[found.part[frame]] => None,
-            _ if before.is_empty() || failures > 3 * PATIENCE => None,
+            _ if before.is_empty() || failures > 3 * RULES.most_failures => None,
             _ => {
                 let pairs = pairs(feet, members, slack_m).0;
                 let fit = fit_frame(&pairs, predict(&before, frame), frame as u64);
@@ -264,11 +274,11 @@ fn fit_frame(pairs: &[Pair], predicted: Option<PlanePose>, seed: u64) -> Option<
     let mut is_good = false;
     if let Some(predicted) = predicted {
         let polished = polish(pairs, predicted);
-        is_good = consider(polished) > GOOD_SHARE * total;
+        is_good = consider(polished) > RULES.predicted_share * total;
     }
     if !is_good {
         let mut random = SplitMix(seed);
-        for _ in 0..PAIRS {
+        for _ in 0..RULES.most_pairs {
             let (i, j) = (random.below(pairs.len()), random.below(pairs.len()));
             if let Some(pose) = from_two(&pairs[i], &pairs[j]) {
                 consider(pose);
@@ -281,11 +291,11 @@ fn fit_frame(pairs: &[Pair], predicted: Option<PlanePose>, seed: u64) -> Option<
     if let Some(predicted) = predicted {
         let turns = ((predicted.heading_rad - pose.heading_rad) / std::f64::consts::TAU).round();
         pose.heading_rad += turns * std::f64::consts::TAU;
-        if agreeing == 2 && (pose.heading_rad - predicted.heading_rad).abs() > NEAR_TURN {
+        if agreeing == 2 && (pose.heading_rad - predicted.heading_rad).abs() > RULES.most_turn_of_two_rad {
             return None;
         }
     }
-    let wanted = (LEAST_SHARE * pairs.len() as f64).ceil().max(2.0) as usize;
+    let wanted = (RULES.placed_share * pairs.len() as f64).ceil().max(2.0) as usize;
     (agreeing >= wanted).then_some(pose)
 }
 
@@ -299,7 +309,7 @@ fn score(pairs: &[Pair], pose: &PlanePose) -> f64 {
 
 fn from_two(a: &Pair, b: &Pair) -> Option<PlanePose> {
     let (from, to) = (b.pattern_m - a.pattern_m, b.place_m - a.place_m);
-    if from.norm() < LEAST_BASE_M || (from.norm() - to.norm()).abs() > a.tolerance_m + b.tolerance_m {
+    if from.norm() < RULES.least_base_m || (from.norm() - to.norm()).abs() > a.tolerance_m + b.tolerance_m {
         return None;
     }
     let heading_rad = from.perp(&to).atan2(from.dot(&to));

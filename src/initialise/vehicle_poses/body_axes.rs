@@ -12,28 +12,38 @@
 //! axle, because in a steady turn the two cannot be told apart. The sign is that of the larger distance
 //! travelled. A body that hardly moves has the long axis of its pattern, whose sign is a guess.
 
-use super::pattern::Pattern;
-use super::rigid_motion::PlanePose;
+use super::plane_adjustment::Pattern;
+use super::plane_motion::PlanePose;
 use crate::geometry::{Pose, heading_rad};
 use crate::problem::ShapePoint;
+use crate::rules::rules;
 use crate::stats::normal::MEDIAN_OF_SIZE;
 use crate::stats::quantile::upper_median;
 use nalgebra::{Matrix2, Point3, Rotation2, SymmetricEigen, Vector2};
 
-/// Bounds of the length of the steps from which a direction is taken \[m\], and how many are wanted.
-const STEP_M: [f64; 2] = [0.5, 2.0];
-const STEPS: f64 = 20.0;
-/// What a path may scatter without being averaged \[m\], and the most frames to either side over which it is.
-const CALM_M: f64 = 0.05;
-const MOST_AVERAGED: usize = 10;
-/// A part that travels less has no direction of travel \[m\].
-const LEAST_TRAVEL_M: f64 = 1.0;
-/// How far the rear axle is behind the middle, as a share of the length of the pattern; the constant
-/// part of its standard deviation \[m\], and the part that grows with it.
-const AXLE_SHARE: f64 = 0.3;
-const AXLE_SIGMA_M: [f64; 2] = [0.2, 0.3];
-/// The widest turn in one step \[rad\].
-const WIDEST_TURN: f64 = 0.7;
+rules! {
+    /// Axes of a body from how it drives.
+    pub struct BodyAxesRules {
+        /// Bounds of the length of the steps from which a direction is taken ...
+        step_m: [f64; 2] = [0.5, 2.0], "m";
+        /// ... and how many are wanted.
+        wanted_steps: f64 = 20.0, "steps";
+        /// A path that scatters more is averaged ...
+        averaged_above_m: f64 = 0.05, "m";
+        /// ... over so many frames to either side at the most.
+        most_averaged_frames: usize = 10, "frames";
+        /// A part that travels less has no direction of travel.
+        least_travel_m: f64 = 1.0, "m";
+        /// How far the rear axle is behind the middle of the shape.
+        axle_behind_middle: f64 = 0.3, "share of the length";
+        /// Its standard deviation: the constant part, and the part that grows with its distance.
+        axle_sigma_m: [f64; 2] = [0.2, 0.3], "m, share";
+        /// The widest turn in one step.
+        widest_turn_rad: f64 = 0.7, "rad";
+    }
+}
+
+const RULES: BodyAxesRules = BodyAxesRules::DEFAULT;
 
 /// How the heading of a part was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,14 +167,14 @@ fn direction_along(
     }
     let (path, noise_m) = calmed(&path);
     let length_m: f64 = path.windows(2).map(|p| (p[1].place_m - p[0].place_m).norm()).sum();
-    let step_m = (length_m / STEPS).clamp(STEP_M[0], STEP_M[1]).max(10.0 * noise_m);
+    let step_m = (length_m / RULES.wanted_steps).clamp(RULES.step_m[0], RULES.step_m[1]).max(10.0 * noise_m);
     let turn_noise = scatter(path.iter().map(|p| p.heading_rad));
     let mut steps: Vec<(Vector2<f64>, f64)> = Vec::new();
     let mut from = *path.first()?;
     for pose in path {
         let moved = pose.place_m - from.place_m;
         let turn = pose.heading_rad - from.heading_rad;
-        if turn.abs() > WIDEST_TURN {
+        if turn.abs() > RULES.widest_turn_rad {
             from = pose;
         } else if moved.norm() >= step_m {
             let middle = Rotation2::new(-(from.heading_rad + turn / 2.0));
@@ -173,7 +183,7 @@ fn direction_along(
         }
     }
     let travelled: f64 = steps.iter().map(|(v, _)| v.norm()).sum();
-    if travelled < LEAST_TRAVEL_M || steps.len() < 2 {
+    if travelled < RULES.least_travel_m || steps.len() < 2 {
         return None;
     }
     let forward = nearest_direction(&steps);
@@ -184,8 +194,8 @@ fn direction_along(
         let cut = values.len() / 20;
         values[values.len() - 1 - cut] - values[cut]
     };
-    let expected_m = -AXLE_SHARE * extent(forward);
-    let sigma_m = AXLE_SIGMA_M[0] + AXLE_SIGMA_M[1] * expected_m.abs();
+    let expected_m = -RULES.axle_behind_middle * extent(forward);
+    let sigma_m = RULES.axle_sigma_m[0] + RULES.axle_sigma_m[1] * expected_m.abs();
     let (mut angle, mut axle_m) = (forward, expected_m);
     for _ in 0..10 {
         let (sine, cosine) = angle.sin_cos();
@@ -244,7 +254,8 @@ fn calmed(path: &[PlanePose]) -> (Vec<PlanePose>, f64) {
     let [x, y] = [0, 1].map(|axis| scatter(path.iter().map(|p| p.place_m[axis])));
     let noise_m = x.max(y);
     let medians: Vec<PlanePose> = (0..path.len()).map(|at| around(path, at, 2, median)).collect();
-    let reach = ((noise_m / CALM_M).powi(2) / 2.0).min(MOST_AVERAGED as f64) as usize;
+    let reach =
+        ((noise_m / RULES.averaged_above_m).powi(2) / 2.0).min(RULES.most_averaged_frames as f64) as usize;
     let reach = reach.min(path.len() / 8);
     let calm = (reach..path.len() - reach).map(|at| around(&medians, at, reach, mean)).collect();
     (calm, noise_m / ((2 * reach + 1) as f64).sqrt())
