@@ -101,7 +101,7 @@ fn what_is_written_is_what_was_simulated() {
         let read = read_problem(&place).unwrap();
         let problem = read.problem.unwrap();
         let world = World::new(read_scenario(&scenario(name)).unwrap(), None).unwrap();
-        let film = world.film(Chance::Run(0)).unwrap();
+        let film = world.video(Chance::Run(0)).unwrap();
         assert_same(&problem, &film.problem, name);
     }
 }
@@ -213,13 +213,13 @@ fn exact_image_points_are_those_of_the_written_truth() {
 #[test]
 fn errors_scatter_as_stated() {
     let mut world = World::new(read_scenario(&scenario("crossing")).unwrap(), None).unwrap();
-    let exact = world.film(Chance::Exact).unwrap();
+    let exact = world.video(Chance::Exact).unwrap();
     assert!(exact.gross.is_empty());
     world.scenario.errors.gross = 0.2;
     world.scenario.errors.vehicle_px = 2.0;
     let (mut squares, mut count, mut gross, mut survey, mut surveyed) = (0.0, 0, 0, 0.0, 0);
     for run in 0..20 {
-        let film = world.film(Chance::Run(run)).unwrap();
+        let film = world.video(Chance::Run(run)).unwrap();
         let wrong: std::collections::HashSet<(i64, String)> =
             film.gross.iter().map(|(frame, _, point)| (*frame, point.clone())).collect();
         let (vehicle, truth) = (&film.problem.vehicles[0], &film.truth);
@@ -257,7 +257,7 @@ fn one_kind_of_error_does_not_move_another() {
     let mut other = base.clone();
     other.errors.vehicle_px = 3.0;
     other.targets.count = 5;
-    let [a, b] = [base, other].map(|s| World::new(s, None).unwrap().film(Chance::Run(3)).unwrap());
+    let [a, b] = [base, other].map(|s| World::new(s, None).unwrap().video(Chance::Run(3)).unwrap());
     assert_eq!(a.problem.camera_poses, b.problem.camera_poses);
     assert_eq!(a.truth.vehicles[0].poses, b.truth.vehicles[0].poses);
     assert_eq!(a.problem.targets[..5], b.problem.targets[..]);
@@ -270,7 +270,7 @@ fn a_path_of_known_strength_is_found_to_be_so_strong() {
     let mut found = Vec::new();
     for seed in 0..6 {
         let world = World::new(read_scenario(&scenario("crossing")).unwrap(), Some(seed)).unwrap();
-        let film = world.film(Chance::Run(seed)).unwrap();
+        let film = world.video(Chance::Run(seed)).unwrap();
         let start = trackbundle::initialise::initialise(
             &film.problem,
             trackbundle::initialise::Method::RobustWhereNeeded,
@@ -369,7 +369,7 @@ fn flights_and_terrain_are_as_said() {
             );
         let file = written(folder.path(), &text);
         let world = World::new(read_scenario(&file).unwrap(), None).unwrap();
-        let film = world.film(Chance::Exact).unwrap();
+        let film = world.video(Chance::Exact).unwrap();
         let (cameras, vehicle) = (&film.truth.camera_poses, &film.truth.vehicles[0]);
         let ground = |x: f64, y: f64| 5.0 + 0.01 * x + 0.04 * y;
         let place = |k: usize| cameras[k].translation.vector;
@@ -412,7 +412,7 @@ fn tracks_are_born_and_die_and_image_points_drop_out() {
     let at_once = |more: &str| {
         let file = written(folder.path(), &PLAIN.replace("points = 25", &format!("points = 25\n{more}")));
         let world = World::new(read_scenario(&file).unwrap(), None).unwrap();
-        world.film(Chance::Run(0)).unwrap().problem.vehicles.remove(0)
+        world.video(Chance::Run(0)).unwrap().problem.vehicles.remove(0)
     };
     let (whole, short, thin) = (at_once(""), at_once("track_s = 0.5"), at_once("dropout = 0.4"));
     assert!(short.points.len() > 2 * whole.points.len(), "{} {}", short.points.len(), whole.points.len());

@@ -100,7 +100,7 @@ fn an_expectation_is_what_the_adjustment_will_say() {
     for name in ["crossing", "rolling", "avenue"] {
         let file = in_package("problems/scenarios").join(format!("{name}.toml"));
         let world = World::new(read_scenario(&file).unwrap(), None).unwrap();
-        let exact = world.film(Chance::Exact).unwrap();
+        let exact = world.video(Chance::Exact).unwrap();
         let (network, truth) = expected(&exact.problem, &exact.truth, MotionPriors::ESTIMATED);
         let found = expectation(&exact.problem, &truth, &network).unwrap();
         // The same problem with errors, adjusted, motion as strong as expected.
@@ -111,7 +111,7 @@ fn an_expectation_is_what_the_adjustment_will_say() {
             motion: MotionPriors { camera: given(0), vehicle: given(1) },
             ..RefineOptions::default()
         };
-        let film = world.film(Chance::Run(0)).unwrap();
+        let film = world.video(Chance::Run(0)).unwrap();
         let mut adjusted = adjust(&film.problem, &film.truth, &options, None).unwrap();
         let diagnosis = diagnose(&film.problem, &mut adjusted).unwrap().unwrap();
         let sigma0 = adjusted.adjustment.sigma0.unwrap();

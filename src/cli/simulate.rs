@@ -43,13 +43,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scenario = read_scenario(&arguments.scenario).map_err(refused)?;
     let world = World::new(scenario, arguments.seed).map_err(refused)?;
     let chance = if arguments.exact { Chance::Exact } else { Chance::Run(0) };
-    let film = world.film(chance).map_err(refused)?;
-    let problem = &film.problem;
+    let video = world.video(chance).map_err(refused)?;
+    let problem = &video.problem;
     if let Some(unseen) = problem.vehicles.iter().find(|vehicle| vehicle.observations.is_empty()) {
         return Err(Failure::NoSolution(format!("vehicle {} is never in view", unseen.id)));
     }
     let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
-    for file in simulated_files(&world, &film).map_err(refused)? {
+    for file in simulated_files(&world, &video).map_err(refused)? {
         staged.write(&file).map_err(failed)?;
     }
     let folder = staged.publish().map_err(failed)?;
@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let seen = counted(problem.target_observations.len(), "image point");
         text += &format!("targets     {}, {seen}\n", problem.targets.len());
     }
-    text += &format!("gross       {}\n", counted(film.gross.len(), "gross error"));
+    text += &format!("gross       {}\n", counted(video.gross.len(), "gross error"));
     text += &format!("problem     {}\n", folder.display());
     print(&text)
 }

@@ -1,15 +1,15 @@
-//! A film as a problem folder with its truth.
+//! A video as a problem folder with its truth.
 
-use super::{Film, World};
+use super::{SimulatedVideo, World};
 use crate::files::{camera_pose_table, decimal, problem_files, vehicle_pose_table};
 use crate::geometry::Pose;
 use crate::tables::{Finding, Findings, written};
 use std::path::Path;
 
-/// The files of a film: the problem folder, `truth/` and `reference/`. The bytes depend on the scenario and the
+/// The files of a video: the problem folder, `truth/` and `reference/`. The bytes depend on the scenario and the
 /// seed alone.
-pub fn simulated_files(world: &World, film: &Film) -> Result<Vec<(String, Vec<u8>)>, Findings> {
-    let Film { problem, truth, .. } = film;
+pub fn simulated_files(world: &World, video: &SimulatedVideo) -> Result<Vec<(String, Vec<u8>)>, Findings> {
+    let SimulatedVideo { problem, truth, .. } = video;
     let grid = world.scenario.terrain.grid.as_ref();
     let grid_name = grid.map(|file| {
         let extension = Path::new(file).extension().and_then(|e| e.to_str()).unwrap_or("asc");
@@ -37,7 +37,7 @@ pub fn simulated_files(world: &World, film: &Film) -> Result<Vec<(String, Vec<u8
     files.push(("truth/vehicle_points.csv".to_owned(), written(&["vehicle", "point", "x", "y", "z"], rows)));
     for (at, vehicle) in problem.vehicles.iter().enumerate() {
         let marker = world.vehicles[at].body.marker;
-        let poses = truth.vehicles[at].poses.iter().zip(&film.velocities[at]).enumerate();
+        let poses = truth.vehicles[at].poses.iter().zip(&video.velocities[at]).enumerate();
         let rows = poses.filter_map(|(at, (pose, velocity))| {
             let place = (*pose)? * marker;
             let numbers = place.iter().chain(velocity.iter()).map(metres).collect::<Vec<_>>();
@@ -46,7 +46,7 @@ pub fn simulated_files(world: &World, film: &Film) -> Result<Vec<(String, Vec<u8
         let header = ["frame", "time_s", "x", "y", "z", "vx", "vy", "vz"];
         files.push((format!("truth/trajectory_{}.csv", vehicle.id), written(&header, rows)));
     }
-    let rows = film.gross.iter().map(|(frame, vehicle, point)| {
+    let rows = video.gross.iter().map(|(frame, vehicle, point)| {
         let id = vehicle.map_or_else(String::new, |at| problem.vehicles[at].id.clone());
         [frame.to_string(), id, point.clone()]
     });
@@ -57,8 +57,8 @@ pub fn simulated_files(world: &World, film: &Film) -> Result<Vec<(String, Vec<u8
         Some([target.id.clone(), metres(&x), metres(&y), metres(&z)])
     });
     files.push(("truth/targets.csv".to_owned(), written(&["target", "x", "y", "z"], rows)));
-    files.push(("truth/parameters.csv".to_owned(), parameters(film)));
-    let rows = problem.vehicles.iter().zip(&film.references).flat_map(|(vehicle, positions)| {
+    files.push(("truth/parameters.csv".to_owned(), parameters(video)));
+    let rows = problem.vehicles.iter().zip(&video.references).flat_map(|(vehicle, positions)| {
         positions.iter().map(|p| {
             let numbers = p.position.iter().copied().chain(p.sigma_m.iter().map(|s| s.unwrap_or(0.0)));
             let numbers: Vec<String> = numbers.map(|v| metres(&v)).collect();
@@ -80,8 +80,8 @@ pub fn simulated_files(world: &World, film: &Film) -> Result<Vec<(String, Vec<u8
 }
 
 /// What is true beside poses and points.
-fn parameters(film: &Film) -> Vec<u8> {
-    let truth = &film.truth;
+fn parameters(video: &SimulatedVideo) -> Vec<u8> {
+    let truth = &video.truth;
     let mut rows = vec![
         ["terrain_bias_m".to_owned(), decimal(truth.terrain_bias_m, 9)],
         ["readout_s".to_owned(), decimal(truth.readout_s, 9)],
@@ -90,8 +90,8 @@ fn parameters(film: &Film) -> Vec<u8> {
         ["cx".to_owned(), decimal(truth.camera.principal_px.x, 6)],
         ["cy".to_owned(), decimal(truth.camera.principal_px.y, 6)],
     ];
-    for (receiver, found) in film.problem.receivers.iter().zip(&truth.receivers) {
-        let id = &film.problem.vehicles[receiver.vehicle].id;
+    for (receiver, found) in video.problem.receivers.iter().zip(&truth.receivers) {
+        let id = &video.problem.vehicles[receiver.vehicle].id;
         rows.push([format!("clock_offset_s {id}"), decimal(found.clock_offset_s, 9)]);
         for (axis, shift) in ["x", "y", "z"].iter().zip(found.shift_m.iter()) {
             rows.push([format!("gnss_shift_{axis}_m {id}"), decimal(*shift, 9)]);

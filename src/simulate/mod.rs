@@ -1,7 +1,7 @@
-//! Films with known truth: a scenario and a seed make a problem and what really was.
+//! Videos with known truth: a scenario and a seed make a problem and what really was.
 //!
 //! ```text
-//! SCENARIO.toml -> Scenario -> World (bodies, tracks, targets: of the seed) -> Film (errors: of the run)
+//! SCENARIO.toml -> Scenario -> World (bodies, tracks, targets: of the seed) -> SimulatedVideo (errors: of the run)
 //! ```
 //!
 //! What a plan would decide is of the seed alone: which points are tracked when. Targets stand where they always do. What chance
@@ -9,13 +9,13 @@
 //! error of a measurement. So the scatter over runs is what the standard deviations of the adjustment speak of.
 
 mod body;
-mod film;
 mod folder;
 mod path;
 pub mod presets;
 mod read;
 pub mod scenario;
 mod vary;
+mod video;
 mod wander;
 
 use crate::estimate::Estimate;
@@ -72,8 +72,8 @@ pub enum Chance {
 /// Number of the frame, index of the vehicle (none, for a target), id of the point or the target.
 pub type GrossError = (i64, Option<usize>, String);
 
-/// A film and what really was.
-pub struct Film {
+/// A video and what really was.
+pub struct SimulatedVideo {
     /// What is measured.
     pub problem: Problem,
     /// What is true of its unknowns.
@@ -122,14 +122,14 @@ impl World {
                     }
                 },
             };
-            let film_s = (scenario.film.frames - 1) as f64 / scenario.film.rate_hz;
+            let video_s = (scenario.video.frames - 1) as f64 / scenario.video.rate_hz;
             let end_s = path::PlanPath::end_s(&rows);
-            if !rows.is_empty() && film_s > end_s + 1e-6 {
+            if !rows.is_empty() && video_s > end_s + 1e-6 {
                 let PathSettings::File(file) = &settings.path else { continue };
-                let wanted = format!("a path as long as the film, {film_s:.3} s");
+                let wanted = format!("a path as long as the film, {video_s:.3} s");
                 findings.error(Finding::of_file(file, &wanted, &format!("{end_s:.3} s")));
             }
-            let tracks = tracks(settings, &body, scenario.film.frames, scenario.film.rate_hz, seed, at);
+            let tracks = tracks(settings, &body, scenario.video.frames, scenario.video.rate_hz, seed, at);
             vehicles.push(Tracked { body, rows, tracks });
         }
         if findings.is_invalid() {
@@ -139,10 +139,10 @@ impl World {
         Ok(World { scenario, seed, terrain, targets, vehicles })
     }
 
-    /// What an image shows of level ground in the middle of the film \[m^2\]; infinite where it sees the horizon.
-    pub fn view_m2(&self, film: &Film) -> f64 {
+    /// What an image shows of level ground in the middle of the video \[m^2\]; infinite where it sees the horizon.
+    pub fn view_m2(&self, video: &SimulatedVideo) -> f64 {
         let camera = &self.scenario.camera.camera;
-        let pose = film.truth.camera_poses[film.truth.camera_poses.len() / 2];
+        let pose = video.truth.camera_poses[video.truth.camera_poses.len() / 2];
         let [width, height] = camera.size_px.map(f64::from);
         let ground_m = self.terrain.at(0.0, 0.0).map_or(0.0, |ground| ground.height_m);
         let corner = |u: f64, v: f64| {

@@ -140,7 +140,7 @@ impl PlanPath {
         let curves = |nodes: &[[[f64; 2]; 3]]| {
             [0, 1, 2].map(|k| Curve::new(times, nodes.iter().map(|node| node[k]).collect()))
         };
-        // To where it is to be in the middle of the film.
+        // To where it is to be in the middle of the video.
         let [x, y, heading] = curves(&nodes).map(|curve| curve.at(middle_s)[0]);
         let turn = turn_rad - heading;
         let (sin, cos) = turn.sin_cos();
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn a_plan_is_driven_as_it_says() {
-        let (times, frames) = (Times::of_film(150, 30.0, FINE), Times::of_film(150, 30.0, 1));
+        let (times, frames) = (Times::of_video(150, 30.0, FINE), Times::of_video(150, 30.0, 1));
         let path = PathSettings::Driven { speed_mps: 8.0, curvature_per_m: 0.0, segments: STOP.to_vec() };
         for sigma in [0.0, 1.0] {
             let [along, yaw] = [0, 1].map(|k| {
@@ -267,7 +267,7 @@ mod tests {
         assert!((PlanPath::end_s(&rows) - 5.8).abs() < 1e-9);
         let mut settings = vehicle(PathSettings::File(file));
         (settings.x_m, settings.y_m, settings.heading_deg) = (0.0, 0.0, 0.0);
-        let times = Times::of_film(10, 30.0, FINE);
+        let times = Times::of_video(10, 30.0, FINE);
         let still = wander(&mut stream(0, 0, Purpose::VehiclePath, 0), 0.0, 1.0, times);
         let path = PlanPath::new(&settings, &rows, times, [&still, &still], 0.0);
         for k in 5..50 {

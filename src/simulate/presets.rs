@@ -3,7 +3,7 @@
 use crate::camera::{Camera, Fisheye, Lens};
 use nalgebra::Vector2;
 
-/// A camera and how fast it films.
+/// A camera and how fast it videos.
 pub struct Preset {
     /// Its name.
     pub name: &'static str,

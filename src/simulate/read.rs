@@ -2,8 +2,9 @@
 
 use super::presets::{PRESETS, Preset};
 use super::scenario::{
-    BodySettings, CameraSettings, Course, ErrorSettings, FilmSettings, FlightSettings, Given, GnssSettings,
-    PathSettings, PoseSettings, Scatter, Scenario, Segment, TargetSettings, TerrainSettings, VehicleSettings,
+    BodySettings, CameraSettings, Course, ErrorSettings, FlightSettings, Given, GnssSettings, PathSettings,
+    PoseSettings, Scatter, Scenario, Segment, TargetSettings, TerrainSettings, VehicleSettings,
+    VideoSettings,
 };
 use crate::files::section::{Document, Section};
 use crate::files::{read_camera, read_vehicle_id};
@@ -31,8 +32,8 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
     let seed = whole(top, "seed", 1, 0.0, 9e15);
     let camera = top.required("camera", "a table [camera]", || top.table("camera", camera)).flatten();
     let rate_hz = camera.as_ref().map_or(30.0, |(_, rate_hz)| *rate_hz);
-    let film = top.table("film", |film| read_film(film, rate_hz));
-    let film = film.unwrap_or(FilmSettings { frames: 150, rate_hz });
+    let video = top.table("film", |video| read_video(video, rate_hz));
+    let video = video.unwrap_or(VideoSettings { frames: 150, rate_hz });
     let flight = top.required("flight", "a table [flight]", || top.table("flight", flight)).flatten();
     let terrain = top.table("terrain", read_terrain).unwrap_or(TerrainSettings {
         grid: None,
@@ -86,7 +87,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         name: name?,
         seed: seed as u64,
         camera: camera?.0,
-        film,
+        video,
         flight: flight?,
         terrain,
         vehicles,
@@ -147,19 +148,19 @@ fn camera(section: &Section) -> Option<(CameraSettings, f64)> {
     Some((CameraSettings { camera, calibration, readout_s, readout_sigma_s }, rate_hz))
 }
 
-fn read_film(film: &Section, usual_hz: f64) -> FilmSettings {
-    let rate_hz = film.number("rate_hz", "from 0.1 to 1000", |v| (0.1..=1000.0).contains(&v));
+fn read_video(video: &Section, usual_hz: f64) -> VideoSettings {
+    let rate_hz = video.number("rate_hz", "from 0.1 to 1000", |v| (0.1..=1000.0).contains(&v));
     let rate_hz = rate_hz.unwrap_or(usual_hz);
-    let duration_s = film.positive("duration_s");
-    if film.has("frames") && film.has("duration_s") {
-        film.error("frames", "one of frames and duration_s");
+    let duration_s = video.positive("duration_s");
+    if video.has("frames") && video.has("duration_s") {
+        video.error("frames", "one of frames and duration_s");
     }
     let by_time = duration_s.map(|s| (s * rate_hz).round().max(2.0));
     if by_time.is_some_and(|frames| frames > MOST_FRAMES) {
-        film.error("duration_s", "at most 100,000 frames");
+        video.error("duration_s", "at most 100,000 frames");
     }
     let frames = by_time.filter(|v| *v <= MOST_FRAMES).map_or(150, |v| v as usize);
-    FilmSettings { frames: whole(film, "frames", frames, 2.0, MOST_FRAMES), rate_hz }
+    VideoSettings { frames: whole(video, "frames", frames, 2.0, MOST_FRAMES), rate_hz }
 }
 
 fn flight(flight: &Section) -> Option<FlightSettings> {

@@ -18,7 +18,7 @@ pub struct Scenario {
     /// The camera as it is calibrated.
     pub camera: CameraSettings,
     /// The frames.
-    pub film: FilmSettings,
+    pub video: VideoSettings,
     /// The path of the camera.
     pub flight: FlightSettings,
     /// The ground.
@@ -68,7 +68,7 @@ pub struct CameraSettings {
 
 /// `[film]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FilmSettings {
+pub struct VideoSettings {
     /// Number of frames, two at least.
     pub frames: usize,
     /// Frames a second.
@@ -134,7 +134,7 @@ pub struct TerrainSettings {
     pub sigma_m: f64,
     /// See `sigma_m`.
     pub correlation_s: f64,
-    /// Of an error common to the film.
+    /// Of an error common to the video.
     pub bias_sigma_m: f64,
     /// Roll and pitch of vehicles against the slope.
     pub tilt_sigma_deg: f64,
@@ -168,7 +168,7 @@ pub struct Segment {
 pub enum PathSettings {
     /// As the table in this file says.
     File(String),
-    /// With a speed and a curvature, or segments from the beginning of the film on; after the last it goes on.
+    /// With a speed and a curvature, or segments from the beginning of the video on; after the last it goes on.
     Driven {
         /// At the beginning.
         speed_mps: f64,
@@ -186,7 +186,7 @@ pub struct VehicleSettings {
     pub id: String,
     /// Whether the problem says that it rolls on a rear axle.
     pub is_car: bool,
-    /// Where it is in the middle of the film, x, y, and its heading; with a path from a file, what is added to it.
+    /// Where it is in the middle of the video, x, y, and its heading; with a path from a file, what is added to it.
     pub x_m: f64,
     /// See `x_m`.
     pub y_m: f64,
@@ -210,7 +210,7 @@ pub struct VehicleSettings {
     pub body: BodySettings,
     /// Points that are tracked at a time, without the marker.
     pub points: usize,
-    /// How long a point is tracked in the mean before another takes its place; without, for the whole film.
+    /// How long a point is tracked in the mean before another takes its place; without, for the whole video.
     pub track_s: Option<f64>,
     /// Share of image points that are missing.
     pub dropout: f64,

@@ -60,7 +60,7 @@ pub fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::new(x, y, z)
 }
 
-/// Times at which a path is known: from one frame before the film to one after it.
+/// Times at which a path is known: from one frame before the video to one after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Times {
     /// The first \[s\].
@@ -72,8 +72,8 @@ pub struct Times {
 }
 
 impl Times {
-    /// Those of a film, so many to each frame.
-    pub fn of_film(frames: usize, rate_hz: f64, each: usize) -> Times {
+    /// Those of a video, so many to each frame.
+    pub fn of_video(frames: usize, rate_hz: f64, each: usize) -> Times {
         let step_s = 1.0 / (rate_hz * each as f64);
         Times { begin_s: -1.0 / rate_hz, step_s, count: (frames + 1) * each + 1 }
     }

@@ -7,7 +7,7 @@ use crate::initialise::{Method, initialise};
 use crate::problem::Problem;
 use crate::refine::{BodyFrame, MotionPriors, RefineOptions, adjust, camera_gap, expected};
 use crate::simulate::scenario::{BodySettings, Scenario};
-use crate::simulate::{Chance, Film, World};
+use crate::simulate::{Chance, SimulatedVideo, World};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
@@ -50,17 +50,17 @@ pub struct RunErrors {
 /// What runs of a cell have in common.
 pub struct Prepared {
     world: World,
-    exact: Film,
+    exact: SimulatedVideo,
     frames: Vec<BodyFrame>,
     /// For each vehicle the points that count.
     best: Vec<Vec<usize>>,
     scans: Vec<Option<CloudIndex>>,
 }
 
-/// The film of a scenario as it really is, its prediction, and what its runs need.
+/// The video of a scenario as it really is, its prediction, and what its runs need.
 pub fn predict(scenario: &Scenario) -> Result<(Prediction, Prepared), String> {
     let world = World::new(scenario.clone(), None).map_err(|findings| findings.to_string())?;
-    let exact = world.film(Chance::Exact).map_err(|findings| findings.to_string())?;
+    let exact = world.video(Chance::Exact).map_err(|findings| findings.to_string())?;
     let problem = &exact.problem;
     for vehicle in &problem.vehicles {
         if vehicle.points.len() < 3 {
@@ -140,31 +140,37 @@ impl Prepared {
     /// A run: simulated, given to the adjustment as a user would, and held against the truth. The error says why
     /// there is no result.
     pub fn run(&self, number: u64) -> Result<RunErrors, String> {
-        let film = self.world.film(Chance::Run(number)).map_err(|findings| findings.to_string())?;
+        let video = self.world.video(Chance::Run(number)).map_err(|findings| findings.to_string())?;
         let start =
-            initialise(&film.problem, Method::RobustWhereNeeded).map_err(|error| error.to_string())?;
-        let adjusted = adjust(&film.problem, &start.estimate, &RefineOptions::default(), None)
+            initialise(&video.problem, Method::RobustWhereNeeded).map_err(|error| error.to_string())?;
+        let adjusted = adjust(&video.problem, &start.estimate, &RefineOptions::default(), None)
             .map_err(|error| error.to_string())?;
         let mut errors = RunErrors::default();
-        for vehicle in 0..film.problem.vehicles.len() {
+        for vehicle in 0..video.problem.vehicles.len() {
             if let Some(why) = &adjusted.estimate.vehicles[vehicle].left_out {
                 return Err(why.clone());
             }
-            self.add_errors(vehicle, &film, &adjusted.estimate, &mut errors)
+            self.add_errors(vehicle, &video, &adjusted.estimate, &mut errors)
                 .ok_or("too little of a vehicle was found to compare")?;
         }
         Ok(errors)
     }
 
-    fn add_errors(&self, at: usize, film: &Film, estimate: &Estimate, errors: &mut RunErrors) -> Option<()> {
+    fn add_errors(
+        &self,
+        at: usize,
+        video: &SimulatedVideo,
+        estimate: &Estimate,
+        errors: &mut RunErrors,
+    ) -> Option<()> {
         let (problem, vehicle) = (&self.exact.problem, &self.exact.problem.vehicles[at]);
         let true_points = &self.exact.truth.vehicles[at].points;
-        let true_poses = &film.truth.vehicles[at].poses;
-        // Points that chance hides, or that it alone shows, aside: those of the exact film, in its order.
-        let mut found = in_order_of(problem, at, &film.problem, &estimate.vehicles[at]);
+        let true_poses = &video.truth.vehicles[at].poses;
+        // Points that chance hides, or that it alone shows, aside: those of the exact video, in its order.
+        let mut found = in_order_of(problem, at, &video.problem, &estimate.vehicles[at]);
         // A track that is of two points has no true place.
         for (place, point) in found.points.iter_mut().zip(&vehicle.points) {
-            if film.wrong_tracks[at].contains(&point.id) {
+            if video.wrong_tracks[at].contains(&point.id) {
                 *place = None;
             }
         }
@@ -184,7 +190,7 @@ impl Prepared {
             let turn = place.heading_rad - crate::geometry::heading_rad(&pose);
             heading.push(turn.sin().atan2(turn.cos()).to_degrees().powi(2));
             if let Some(mps) = place.speed_mps {
-                speed.push((mps - film.velocities[at][place.frame].xy().norm()).powi(2));
+                speed.push((mps - video.velocities[at][place.frame].xy().norm()).powi(2));
             }
         }
         let off = |point: usize| Some(found.points[point]? - true_points[point]?);

@@ -114,7 +114,7 @@ pub struct FrameResection {
     pub rms_px: Option<f64>,
 }
 
-/// The resection of a film.
+/// The resection of a video.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resection {
     /// One for each frame.
@@ -209,13 +209,13 @@ pub fn resect(
         spread *= factor;
         fits = search(spread);
     }
-    let mut film = Film { camera, times_s, sightings, given, spread, fits, chosen: Vec::new() };
-    film.chosen = (0..times_s.len()).map(|at| film.alone(at)).collect();
-    film.restart_between_neighbours();
-    film.decide_by_neighbours();
-    film.drop_outcasts();
-    film.decide_by_neighbours();
-    film.bridge()
+    let mut video = Video { camera, times_s, sightings, given, spread, fits, chosen: Vec::new() };
+    video.chosen = (0..times_s.len()).map(|at| video.alone(at)).collect();
+    video.restart_between_neighbours();
+    video.decide_by_neighbours();
+    video.drop_outcasts();
+    video.decide_by_neighbours();
+    video.bridge()
 }
 
 /// By what image points scatter more than stated, from the residuals of frames that see many.
@@ -232,7 +232,7 @@ fn spread_of(fits: &[Vec<Fit>]) -> f64 {
     robust_spread(squares)
 }
 
-struct Film<'a> {
+struct Video<'a> {
     camera: &'a Camera,
     times_s: &'a [f64],
     sightings: &'a [Vec<Sighting>],
@@ -244,7 +244,7 @@ struct Film<'a> {
     chosen: Vec<Result<Fit, BridgeReason>>,
 }
 
-impl Film<'_> {
+impl Video<'_> {
     fn frame(&self, at: usize) -> Frame<'_> {
         Frame { camera: self.camera, sightings: &self.sightings[at], spread: self.spread }
     }
@@ -354,12 +354,12 @@ impl Film<'_> {
 
     /// Takes back poses on few points that lie far from the path of their neighbours.
     fn drop_outcasts(&mut self) {
-        let distance = |film: &Self, at: usize| -> Option<f64> {
-            let fit = film.chosen[at].as_ref().ok().filter(|fit| fit.used() < RULES.well_checked_points)?;
-            if film.given[at].is_some() || film.neighbours(at) == [None, None] {
+        let distance = |video: &Self, at: usize| -> Option<f64> {
+            let fit = video.chosen[at].as_ref().ok().filter(|fit| fit.used() < RULES.well_checked_points)?;
+            if video.given[at].is_some() || video.neighbours(at) == [None, None] {
                 return None;
             }
-            let (pose, covariance) = film.predict(at..at + 1)?.pop()?;
+            let (pose, covariance) = video.predict(at..at + 1)?.pop()?;
             let gap = pose_minus(&fit.pose, &pose);
             Some(gap.dot(&(covariance + fit.covariance?).cholesky()?.solve(&gap)))
         };

@@ -65,10 +65,10 @@ fn frames(count: i64) -> Vec<crate::problem::Frame> {
 
 #[test]
 fn a_film_is_resected_frame_by_frame() {
-    let film = Simulated::new(12, 0.3);
-    let resection = film.resect().unwrap();
+    let video = Simulated::new(12, 0.3);
+    let resection = video.resect().unwrap();
     assert!(resection.frames.iter().all(|frame| frame.status == Status::Resected));
-    assert!(film.worst_m(&resection) < 0.5, "{}", film.worst_m(&resection));
+    assert!(video.worst_m(&resection) < 0.5, "{}", video.worst_m(&resection));
     let quality = resection.quality();
     assert_eq!((quality.resected, quality.bridged, quality.gross_errors), (60, 0, 0));
     assert!((0.6..1.1).contains(&quality.median_rms_px), "{quality:?}");
@@ -77,10 +77,10 @@ fn a_film_is_resected_frame_by_frame() {
 
 #[test]
 fn frames_that_see_too_little_are_bridged_and_named() {
-    let mut film = Simulated::new(12, 0.3);
-    (20..30).for_each(|at| film.sightings[at].truncate(2));
-    film.sightings[59].clear();
-    let resection = film.resect().unwrap();
+    let mut video = Simulated::new(12, 0.3);
+    (20..30).for_each(|at| video.sightings[at].truncate(2));
+    video.sightings[59].clear();
+    let resection = video.resect().unwrap();
     for (at, frame) in resection.frames.iter().enumerate() {
         let is_short = (20..30).contains(&at) || at == 59;
         assert_eq!(
@@ -90,7 +90,7 @@ fn frames_that_see_too_little_are_bridged_and_named() {
             frame.status
         );
     }
-    assert!(film.worst_m(&resection) < 0.5, "{}", film.worst_m(&resection));
+    assert!(video.worst_m(&resection) < 0.5, "{}", video.worst_m(&resection));
     let lines = warnings(&resection, &frames(60));
     assert_eq!(lines.len(), 2, "{lines:?}");
     assert!(lines[0].contains("frames 120-129: 2 control targets in view; bridged"), "{lines:?}");
@@ -100,34 +100,34 @@ fn frames_that_see_too_little_are_bridged_and_named() {
 #[test]
 fn four_targets_are_enough() {
     for height_m in [0.0, 0.5] {
-        let film = Simulated::new(4, height_m);
-        let resection = film.resect().unwrap();
+        let video = Simulated::new(4, height_m);
+        let resection = video.resect().unwrap();
         let is_resected = |frame: &&FrameResection| frame.status == Status::Resected && frame.used == 4;
         assert!(resection.frames.iter().filter(is_resected).count() >= 55, "{:?}", resection.quality());
-        assert!(film.worst_m(&resection) < 2.0, "{}", film.worst_m(&resection));
+        assert!(video.worst_m(&resection) < 2.0, "{}", video.worst_m(&resection));
     }
 }
 
 #[test]
 fn three_targets_are_decided_by_the_neighbours() {
-    let mut film = Simulated::new(12, 0.3);
-    (20..35).for_each(|at| film.sightings[at].truncate(3));
-    let resection = film.resect().unwrap();
+    let mut video = Simulated::new(12, 0.3);
+    (20..35).for_each(|at| video.sightings[at].truncate(3));
+    let resection = video.resect().unwrap();
     let decided = resection.frames[20..35].iter().filter(|frame| frame.status == Status::Resected).count();
     assert!(decided >= 10, "{decided}");
-    assert!(film.worst_m(&resection) < 1.0, "{}", film.worst_m(&resection));
+    assert!(video.worst_m(&resection) < 1.0, "{}", video.worst_m(&resection));
 }
 
 #[test]
 fn a_gross_error_among_four_targets_is_found_by_the_neighbours() {
-    let mut film = Simulated::new(12, 0.3);
+    let mut video = Simulated::new(12, 0.3);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for at in (10..50).step_by(4) {
-        film.sightings[at].truncate(4);
-        film.spoil(at, at / 4 % 4, &mut rng);
+        video.sightings[at].truncate(4);
+        video.spoil(at, at / 4 % 4, &mut rng);
     }
-    let resection = film.resect().unwrap();
-    assert!(film.worst_m(&resection) < 1.0, "{}", film.worst_m(&resection));
+    let resection = video.resect().unwrap();
+    assert!(video.worst_m(&resection) < 1.0, "{}", video.worst_m(&resection));
     let used = |at: usize| resection.frames[at].used;
     assert!((10..50).step_by(4).all(|at| used(at) == 3 || used(at) == 0));
     assert!((10..50).step_by(4).filter(|at| used(*at) == 3).count() >= 5);
@@ -135,36 +135,36 @@ fn a_gross_error_among_four_targets_is_found_by_the_neighbours() {
 
 #[test]
 fn a_third_of_gross_errors_moves_no_frame() {
-    let mut film = Simulated::new(12, 0.3);
+    let mut video = Simulated::new(12, 0.3);
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     for at in 0..60 {
         for which in 0..12 {
             if rng.random::<f64>() < 0.3 {
-                film.spoil(at, which, &mut rng);
+                video.spoil(at, which, &mut rng);
             }
         }
     }
-    let resection = film.resect().unwrap();
-    assert!(film.worst_m(&resection) < 1.3, "{}", film.worst_m(&resection));
+    let resection = video.resect().unwrap();
+    assert!(video.worst_m(&resection) < 1.3, "{}", video.worst_m(&resection));
     // Seven or more of twelve are gross in one frame of 25.
     assert!(resection.quality().resected >= 52, "{:?}", resection.quality());
 }
 
 #[test]
 fn a_mirrored_frame_is_healed_by_its_neighbours() {
-    let film = Simulated::new(6, 0.0);
-    let fits = |film: &Simulated| -> Vec<Vec<Fit>> {
-        let one = |s: &Vec<Sighting>| Frame { camera: &film.camera, sightings: s, spread: 1.0 }.search(1);
-        film.sightings.iter().map(one).collect()
+    let video = Simulated::new(6, 0.0);
+    let fits = |video: &Simulated| -> Vec<Vec<Fit>> {
+        let one = |s: &Vec<Sighting>| Frame { camera: &video.camera, sightings: s, spread: 1.0 }.search(1);
+        video.sightings.iter().map(one).collect()
     };
     let given = vec![None; 60];
-    let mut whole = Film {
-        camera: &film.camera,
-        times_s: &film.times_s,
-        sightings: &film.sightings,
+    let mut whole = Video {
+        camera: &video.camera,
+        times_s: &video.times_s,
+        sightings: &video.sightings,
         given: &given,
         spread: 1.0,
-        fits: fits(&film),
+        fits: fits(&video),
         chosen: Vec::new(),
     };
     whole.chosen = (0..60).map(|at| whole.alone(at)).collect();
@@ -177,18 +177,19 @@ fn a_mirrored_frame_is_healed_by_its_neighbours() {
     whole.chosen[30] = Ok(wrong);
     whole.restart_between_neighbours();
     let resection = whole.bridge().unwrap();
-    assert!(film.worst_m(&resection) < 1.0, "{}", film.worst_m(&resection));
+    assert!(video.worst_m(&resection) < 1.0, "{}", video.worst_m(&resection));
 }
 
 #[test]
 fn a_pose_on_four_points_far_from_its_neighbours_is_taken_back() {
-    let film = Simulated::new(12, 0.3);
+    let video = Simulated::new(12, 0.3);
     let mut given: Vec<Option<(Pose, Matrix6<f64>)>> = vec![None; 60];
-    given[0] = Some((path(film.times_s[0]), Matrix6::from_diagonal_element(1e-6)));
-    let search = |s: &Vec<Sighting>| Frame { camera: &film.camera, sightings: s, spread: 1.0 }.search(1);
-    let (camera, times_s, sightings) = (&film.camera, &film.times_s, &film.sightings);
+    given[0] = Some((path(video.times_s[0]), Matrix6::from_diagonal_element(1e-6)));
+    let search = |s: &Vec<Sighting>| Frame { camera: &video.camera, sightings: s, spread: 1.0 }.search(1);
+    let (camera, times_s, sightings) = (&video.camera, &video.times_s, &video.sightings);
     let fits: Vec<Vec<Fit>> = sightings.iter().map(search).collect();
-    let mut whole = Film { camera, times_s, sightings, given: &given, spread: 1.0, fits, chosen: Vec::new() };
+    let mut whole =
+        Video { camera, times_s, sightings, given: &given, spread: 1.0, fits, chosen: Vec::new() };
     whole.chosen = (0..60).map(|at| whole.alone(at)).collect();
     let mut wrong = whole.fits[30][0].clone();
     wrong.pose.translation.x += 20.0;
@@ -229,35 +230,35 @@ fn what_cannot_be_determined_is_said() {
 
 #[test]
 fn image_points_worse_than_stated_are_not_taken_for_gross_errors() {
-    let mut film = Simulated::new(12, 0.3);
-    for sighting in film.sightings.iter_mut().flatten() {
+    let mut video = Simulated::new(12, 0.3);
+    for sighting in video.sightings.iter_mut().flatten() {
         sighting.sigma_px = 0.25;
         sighting.sigma_m = Vector3::repeat(1e-3);
     }
-    let resection = film.resect().unwrap();
+    let resection = video.resect().unwrap();
     assert!((3.0..5.0).contains(&resection.spread), "{}", resection.spread);
     assert!(resection.quality().gross_errors < 5, "{:?}", resection.quality());
 }
 
 #[test]
 fn given_poses_stay_and_lend_their_neighbours_a_hand() {
-    let mut film = Simulated::new(12, 0.3);
-    (10..20).for_each(|at| film.sightings[at].truncate(1));
+    let mut video = Simulated::new(12, 0.3);
+    (10..20).for_each(|at| video.sightings[at].truncate(1));
     let small = Matrix6::from_diagonal_element(1e-6);
-    let known = |at: usize| (at == 9 || at == 20).then(|| (path(film.times_s[at]), small));
+    let known = |at: usize| (at == 9 || at == 20).then(|| (path(video.times_s[at]), small));
     let given: Vec<_> = (0..60).map(known).collect();
-    let resection = resect(&film.camera, &film.times_s, &film.sightings, &given).unwrap();
+    let resection = resect(&video.camera, &video.times_s, &video.sightings, &given).unwrap();
     for at in [9, 20] {
-        assert_eq!(resection.frames[at].pose, path(film.times_s[at]));
+        assert_eq!(resection.frames[at].pose, path(video.times_s[at]));
         assert_eq!(resection.frames[at].status, Status::Given);
     }
-    let gap = resection.frames[15].pose.translation.vector - path(film.times_s[15]).translation.vector;
+    let gap = resection.frames[15].pose.translation.vector - path(video.times_s[15]).translation.vector;
     assert!(gap.norm() < 0.2, "{}", gap.norm());
 }
 
 #[test]
 fn threads_change_no_bit() {
-    let film = Simulated::new(14, 0.3);
+    let video = Simulated::new(14, 0.3);
     let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    assert_eq!(pool(1).install(|| film.resect()), pool(3).install(|| film.resect()));
+    assert_eq!(pool(1).install(|| video.resect()), pool(3).install(|| video.resect()));
 }

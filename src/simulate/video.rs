@@ -1,9 +1,9 @@
-//! A film of a world.
+//! A video of a world.
 
 use super::path::{FINE, PlanPath};
 use super::scenario::{Course, Given, PoseSettings, Scenario, VehicleSettings};
 use super::wander::{Curve, Purpose, Times, normal, normal3, stream, values, wander, wanders};
-use super::{Chance, Film, GrossError, Track, Tracked, World, no_ground};
+use super::{Chance, GrossError, SimulatedVideo, Track, Tracked, World, no_ground};
 use crate::camera::Camera;
 use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
@@ -110,7 +110,7 @@ impl Ride<'_> {
         y[0] += cos * side_m;
         let ground = world.terrain.at(x[0], y[0])?;
         let [height, mut roll, mut pitch] = [0, 1, 2].map(|k| self.bumps[k].at(time_s)[0]);
-        let h = 0.5 * FINE as f64 / world.scenario.film.rate_hz;
+        let h = 0.5 * FINE as f64 / world.scenario.video.rate_hz;
         let speed = |t: f64| {
             let [x, y, heading] = self.path.at(t);
             x[1] * heading[0].cos() + y[1] * heading[0].sin()
@@ -138,7 +138,7 @@ struct Errors {
 }
 
 impl Errors {
-    /// Run 0 of the exact film has paths of its own: truth is one draw of many.
+    /// Run 0 of the exact video has paths of its own: truth is one draw of many.
     fn of(chance: Chance) -> Errors {
         match chance {
             Chance::Exact => Errors { run: 0, on: 0.0 },
@@ -154,9 +154,9 @@ struct TrueNumbers {
     bias_m: f64,
 }
 
-/// What is filmed of vehicles, one for each.
+/// What is recorded of vehicles, one for each.
 #[derive(Default)]
-struct Filmed {
+struct Recorded {
     vehicles: Vec<Vehicle>,
     truth: Vec<VehicleEstimate>,
     velocities: Vec<Vec<Vector3<f64>>>,
@@ -167,37 +167,37 @@ struct Filmed {
 }
 
 impl World {
-    /// The film of a run. The error says where the ground ends.
-    pub fn film(&self, chance: Chance) -> Result<Film, Findings> {
+    /// The video of a run. The error says where the ground ends.
+    pub fn video(&self, chance: Chance) -> Result<SimulatedVideo, Findings> {
         let errors = Errors::of(chance);
         let really = self.true_numbers(&errors);
         let paths = self.paths(&errors);
         let rides = self.rides(&errors, &paths, really.bias_m);
         let drone = self.drone(&errors, paths.first())?;
-        let frames = 0..self.scenario.film.frames;
+        let frames = 0..self.scenario.video.frames;
         let cameras: Vec<Pose> = frames.map(|frame| drone.pose(frame, self.time_s(frame))).collect();
         let seen = |frame: usize, place: &Place<'_>| self.pixel(&drone, &really, frame, place);
-        let mut filmed = Filmed::default();
+        let mut recorded = Recorded::default();
         for (at, ride) in rides.iter().enumerate() {
-            self.film_vehicle(at, ride, &errors, &cameras, &seen, &mut filmed)?;
+            self.record_vehicle(at, ride, &errors, &cameras, &seen, &mut recorded)?;
         }
         let (targets, target_observations, of_targets) = self.target_sights(&errors, &seen);
-        filmed.gross.extend(of_targets);
+        recorded.gross.extend(of_targets);
         let mut problem = self.problem(&errors, &cameras);
         (problem.targets, problem.target_observations) = (targets, target_observations);
-        problem.vehicles = filmed.vehicles;
-        problem.receivers = filmed.receivers.iter().map(|(receiver, _)| receiver.clone()).collect();
+        problem.vehicles = recorded.vehicles;
+        problem.receivers = recorded.receivers.iter().map(|(receiver, _)| receiver.clone()).collect();
         let truth = Estimate {
             camera_poses: cameras,
-            vehicles: filmed.truth,
+            vehicles: recorded.truth,
             targets: self.targets.iter().copied().map(Some).collect(),
             terrain_bias_m: if self.scenario.terrain.is_known { really.bias_m } else { 0.0 },
             camera: really.camera,
             readout_s: really.readout_s,
-            receivers: filmed.receivers.into_iter().map(|(_, found)| found).collect(),
+            receivers: recorded.receivers.into_iter().map(|(_, found)| found).collect(),
         };
-        let Filmed { velocities, gross, wrong_tracks, references, .. } = filmed;
-        Ok(Film { problem, truth, velocities, gross, wrong_tracks, references })
+        let Recorded { velocities, gross, wrong_tracks, references, .. } = recorded;
+        Ok(SimulatedVideo { problem, truth, velocities, gross, wrong_tracks, references })
     }
 
     fn rng(&self, errors: &Errors, purpose: Purpose, thing: usize) -> ChaCha8Rng {
@@ -205,16 +205,16 @@ impl World {
     }
 
     fn time_s(&self, frame: usize) -> f64 {
-        frame as f64 / self.scenario.film.rate_hz
+        frame as f64 / self.scenario.video.rate_hz
     }
 
     fn middle_s(&self) -> f64 {
-        0.5 * self.time_s(self.scenario.film.frames - 1)
+        0.5 * self.time_s(self.scenario.video.frames - 1)
     }
 
     /// Times of what wanders, so many to each frame.
     fn times(&self, each: usize) -> Times {
-        Times::of_film(self.scenario.film.frames, self.scenario.film.rate_hz, each)
+        Times::of_video(self.scenario.video.frames, self.scenario.video.rate_hz, each)
     }
 
     fn true_numbers(&self, errors: &Errors) -> TrueNumbers {
@@ -269,7 +269,7 @@ impl World {
             ground_m: ground.height_m,
             drift: wanders(&mut rng, flight.drift_m, flight.drift_s, self.times(1)),
             sway: wanders(&mut rng, flight.sway_deg.to_radians(), flight.sway_s, self.times(1)),
-            vibration: (0..scenario.film.frames)
+            vibration: (0..scenario.video.frames)
                 .map(|_| normal3(&mut rng) * flight.vibration_deg.to_radians())
                 .collect(),
             followed,
@@ -299,17 +299,17 @@ impl World {
         None
     }
 
-    fn film_vehicle(
+    fn record_vehicle(
         &self,
         at: usize,
         ride: &Ride<'_>,
         errors: &Errors,
         cameras: &[Pose],
         seen: &Seen<'_>,
-        filmed: &mut Filmed,
+        recorded: &mut Recorded,
     ) -> Result<(), Findings> {
         let (scenario, settings) = (&self.scenario, &self.scenario.vehicles[at]);
-        let frames = 0..scenario.film.frames;
+        let frames = 0..scenario.video.frames;
         let off_ground =
             |e: NoGround| no_ground(scenario, &format!("{} on its way", settings.id), &e.to_string());
         let poses: Result<Vec<Pose>, _> =
@@ -317,20 +317,20 @@ impl World {
         let poses = poses.map_err(off_ground)?;
         let sights = self.sights(errors, &View { vehicle: at, ride, poses: &poses, cameras, seen });
         let marker = self.vehicles[at].body.marker;
-        let step = 1e-3 / scenario.film.rate_hz;
+        let step = 1e-3 / scenario.video.rate_hz;
         let velocity = |frame: usize| {
             let [before, after] =
                 [-step, step].map(|h| ride.pose(self, self.time_s(frame) + h).map(|pose| pose * marker));
             Ok((after? - before?) / (2.0 * step))
         };
-        filmed.velocities.push(frames.map(velocity).collect::<Result<_, _>>().map_err(off_ground)?);
+        recorded.velocities.push(frames.map(velocity).collect::<Result<_, _>>().map_err(off_ground)?);
         let vehicle = self.vehicle(at, errors, &poses, &sights);
         let (received, reference) = self.received(at, errors, &|t| Some(ride.pose(self, t).ok()? * marker));
-        filmed.references.push(reference);
+        recorded.references.push(reference);
         if let (Some((receiver, truth)), Some(point)) = (received, vehicle.marker) {
-            filmed.receivers.push((Receiver { vehicle: at, point, ..receiver }, truth));
+            recorded.receivers.push((Receiver { vehicle: at, point, ..receiver }, truth));
         }
-        filmed.truth.push(VehicleEstimate {
+        recorded.truth.push(VehicleEstimate {
             poses: poses.into_iter().map(Some).collect(),
             open_depth: vec![false; sights.points.len()],
             points: sights.points.iter().map(|(_, place)| Some(*place)).collect(),
@@ -338,9 +338,9 @@ impl World {
             axle: [0.0; 2],
             left_out: None,
         });
-        filmed.vehicles.push(Vehicle { observations: sights.observations, ..vehicle });
-        filmed.gross.extend(sights.gross);
-        filmed.wrong_tracks.push(sights.wrong_tracks);
+        recorded.vehicles.push(Vehicle { observations: sights.observations, ..vehicle });
+        recorded.gross.extend(sights.gross);
+        recorded.wrong_tracks.push(sights.wrong_tracks);
         Ok(())
     }
 
@@ -392,7 +392,7 @@ impl World {
                     sigma_s => Freedom::Prior(sigma_s),
                 },
             },
-            frames: (0..self.scenario.film.frames).map(frame).collect(),
+            frames: (0..self.scenario.video.frames).map(frame).collect(),
             camera_poses: self.given(cameras, camera_poses, errors, Purpose::CameraPoses, 0, false),
             camera_pose_sigma: pose_sigma(camera_poses, 1.0),
             targets: Vec::new(),
@@ -438,14 +438,14 @@ impl World {
         if settings.given == Given::Exact {
             return poses.iter().copied().map(Some).collect();
         }
-        let film = &self.scenario.film;
+        let video = &self.scenario.video;
         let mut rng = stream(self.seed, errors.run, purpose, thing);
-        let times = Times::of_film(poses.len(), film.rate_hz, 1);
+        let times = Times::of_video(poses.len(), video.rate_hz, 1);
         let shifts = wanders(&mut rng, settings.slow_m, settings.slow_s, times);
         let turns = wanders(&mut rng, settings.slow_deg.to_radians(), settings.slow_s, times);
         let about = if is_level { Vector3::new(0.5, 0.5, 1.0) } else { Vector3::repeat(1.0) };
         let of_frame = |(frame, pose): (usize, &Pose)| {
-            let t = frame as f64 / film.rate_hz;
+            let t = frame as f64 / video.rate_hz;
             let shift = values(&shifts, t) + normal3(&mut rng) * settings.white_m;
             let turn = values(&turns, t) + normal3(&mut rng) * settings.white_deg.to_radians();
             let turn = about.component_mul(&turn) * errors.on;
@@ -479,7 +479,7 @@ impl World {
         let mut images = stream(self.seed, errors.run, Purpose::TargetImages, 0);
         let mut chance = stream(self.seed, errors.run, Purpose::Gross, usize::MAX >> 1);
         let (mut observations, mut gross) = (Vec::new(), Vec::new());
-        for frame in 0..scenario.film.frames {
+        for frame in 0..scenario.video.frames {
             for (target, place) in self.targets.iter().enumerate() {
                 let Some(pixel) = seen(frame, &|_| Some(*place)) else { continue };
                 let noise = white(&mut images) * (of.target_px * of.really.target_px * errors.on);
@@ -506,12 +506,12 @@ impl World {
         place: &Place<'_>,
     ) -> (Option<Received>, Vec<GnssPosition>) {
         let Some(gnss) = &self.scenario.gnss else { return (None, Vec::new()) };
-        let film = &self.scenario.film;
+        let video = &self.scenario.video;
         let mut rng = stream(self.seed, errors.run, Purpose::Gnss, vehicle);
         let clock_error_s = normal(&mut rng) * gnss.clock_sigma_s.unwrap_or(0.0) * errors.on;
         let offset_s = gnss.clock_offset_s + clock_error_s;
         let shift_m = normal3(&mut rng) * (gnss.shift_sigma_m * errors.on);
-        let last_s = (film.frames - 1) as f64 / film.rate_hz;
+        let last_s = (video.frames - 1) as f64 / video.rate_hz;
         let mut positions = Vec::new();
         let mut k = 0_u32;
         loop {
