@@ -63,11 +63,8 @@ impl Brown {
 }
 
 impl LensModel for Brown {
-    const KEYS: LensKeys = LensKeys {
-        model: "brown",
-        coefficients: &["k1", "k2", "p1", "p2", "k3"],
-        held: &["k4", "skew_px"],
-    };
+    const KEYS: LensKeys =
+        LensKeys { model: "brown", coefficients: &["k1", "k2", "p1", "p2", "k3"], held: &["k4", "skew_px"] };
 
     fn of_numbers(coefficients: &[f64; COEFFICIENTS], held: &[f64]) -> Self {
         Brown::with(*coefficients, std::array::from_fn(|at| held.get(at).copied().unwrap_or(0.0)))
@@ -193,11 +190,15 @@ mod tests {
         assert!((bent - Vector2::new(bent_x, bent_y)).norm() < 1e-15);
         let (focal_px, principal_px) = (Vector2::new(2680.0, 2650.0), Vector2::new(1925.0, 1070.0));
         let lens = crate::camera::Lens::Brown(lens);
-        let camera =
-            crate::camera::Camera { size_px: [3840, 2160], focal_px, principal_px, pixel_centre_px: 0.0, lens };
+        let camera = crate::camera::Camera {
+            size_px: [3840, 2160],
+            focal_px,
+            principal_px,
+            pixel_centre_px: 0.0,
+            lens,
+        };
         let pixel = camera.project(&nalgebra::Vector3::new(60.0 * x, 60.0 * y, 60.0)).unwrap();
-        let wanted =
-            Vector2::new(2680.0 * bent_x + skew_px * bent_y + 1925.0, 2650.0 * bent_y + 1070.0);
+        let wanted = Vector2::new(2680.0 * bent_x + skew_px * bent_y + 1925.0, 2650.0 * bent_y + 1070.0);
         assert!((pixel - wanted).norm() < 1e-9, "{pixel} {wanted}");
     }
 

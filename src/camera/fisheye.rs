@@ -54,8 +54,7 @@ impl Fisheye {
 }
 
 impl LensModel for Fisheye {
-    const KEYS: LensKeys =
-        LensKeys { model: "fisheye", coefficients: &["k1", "k2", "k3", "k4"], held: &[] };
+    const KEYS: LensKeys = LensKeys { model: "fisheye", coefficients: &["k1", "k2", "k3", "k4"], held: &[] };
 
     fn of_numbers([k1, k2, k3, k4, _]: &[f64; COEFFICIENTS], _held: &[f64]) -> Self {
         Fisheye::new([*k1, *k2, *k3, *k4])

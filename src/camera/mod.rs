@@ -12,8 +12,8 @@ mod model;
 pub use brown::Brown;
 pub use fisheye::Fisheye;
 pub use interior::INTERIOR;
-pub use model::{LensKeys, LensModel};
 use model::COEFFICIENTS;
+pub use model::{LensKeys, LensModel};
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 /// Points nearer to the camera's plane than this are not seen \[m\].
