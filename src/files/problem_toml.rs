@@ -77,10 +77,10 @@ pub fn written(problem: &Problem, grid: Option<&str>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::{Fisheye, Lens};
+    use crate::camera::{Brown, Fisheye, Lens};
     use crate::files::sections::terrain::TerrainSettings;
     use crate::files::sections::video::Pattern;
-    use crate::problem::{Freedom, Known};
+    use crate::problem::{Freedom, Known, KnownTime};
     use nalgebra::{Vector2, Vector3};
 
     const WHOLE: &str = r#"
@@ -208,7 +208,7 @@ id = "car2"
             "{WHOLE}[gnss]\nclock_offset_s = 0.1\nclock_drift_sigma_ppm = 20\nshift_sigma_m = 0.03\nlever_z_m = 0.05\n"
         );
         let gnss = parse(&text).0.unwrap().gnss;
-        assert_eq!(gnss.clock_offset, Some(Known { value_m: 0.1, sigma_m: 0.0 }));
+        assert_eq!(gnss.clock_offset, Some(KnownTime { value_s: 0.1, sigma_s: 0.0 }));
         assert!((gnss.drift_sigma - 2e-5).abs() < 1e-18);
         assert_eq!((gnss.shift_sigma_m, gnss.lever_arm_m), (0.03, Vector3::z() * 0.05));
         assert_eq!(parse(WHOLE).0.unwrap().gnss, ReceiverKnowledge::default());
@@ -281,6 +281,29 @@ id = "car2"
         assert_eq!(settings.unwrap().camera.lens, Lens::Fisheye(Fisheye::new([0.1, 0.0, 0.0, 0.02])));
         let (_, findings) = parse(&text.replace("k4", "p1"));
         assert_eq!(findings.warnings(), ["problem.toml:13: camera.p1 is not known and was not read"]);
+    }
+
+    #[test]
+    fn what_is_held_of_a_lens_is_read_and_not_refined() {
+        let text = WHOLE.replace("k1 = -0.011", "k4 = -0.02\nskew_px = 1.5");
+        let (settings, findings) = parse(&text);
+        assert_eq!(findings, Findings::default());
+        let lens = settings.unwrap().camera.lens;
+        assert_eq!(lens, Lens::Brown(Brown::with([0.0; 5], [-0.02, 1.5])));
+        let (settings, findings) =
+            parse(&text.replace("[noise]", "[camera.refine]\nskew_px = \"free\"\n[noise]"));
+        assert_eq!(
+            findings.warnings(),
+            ["problem.toml:15: camera.refine.skew_px is not known and was not read"]
+        );
+        assert_eq!(settings.unwrap().calibration, Calibration::default());
+        let (_, findings) = parse(&text.replace("\"brown\"", "\"pinhole\""));
+        let wanted = [(13, "k4"), (14, "skew_px")].map(|(line, key)| {
+            format!("problem.toml:{line}: camera.{key} has no effect: the model is \"pinhole\"")
+        });
+        assert_eq!(findings.warnings(), wanted);
+        let wanted = "problem.toml:5: column camera.model: expected \"pinhole\", \"brown\" or \"fisheye\", found \"\\\"plate\\\"\"";
+        assert_eq!(errors(&WHOLE.replace("\"brown\"", "\"plate\"")), [wanted]);
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub fn add_blocks(
         let known = &receiver.knowledge;
         let drifts = known.drift_sigma > 0.0;
         let shifts = known.shift_sigma_m > 0.0;
-        let has_offset = known.clock_offset.is_none_or(|offset| offset.sigma_m > 0.0);
+        let has_offset = known.clock_offset.is_none_or(|offset| offset.sigma_s > 0.0);
         let shift = found.shift_m;
         let value = [found.clock_offset_s, found.clock_drift, shift.x, shift.y, shift.z];
         Some(ReceiverBlocks {
@@ -225,7 +225,7 @@ pub fn add_receivers(
         };
         match known.clock_offset {
             None => kept.push(row(0, found.clock_offset_s, CONVENTIONAL_OFFSET_S)),
-            Some(offset) if offset.sigma_m > 0.0 => numbers.push(row(0, offset.value_m, offset.sigma_m)),
+            Some(offset) if offset.sigma_s > 0.0 => numbers.push(row(0, offset.value_s, offset.sigma_s)),
             Some(_) => {}
         }
         if known.drift_sigma > 0.0 {

@@ -110,7 +110,13 @@ impl Coordinates {
         for (at, receiver) in problem.receivers.iter().enumerate() {
             let known = &receiver.knowledge;
             let shifts = known.shift_sigma_m > 0.0;
-            let free = [is_open(known.clock_offset), known.drift_sigma > 0.0, shifts, shifts, shifts];
+            let free = [
+                known.clock_offset.is_none_or(|offset| offset.sigma_s > 0.0),
+                known.drift_sigma > 0.0,
+                shifts,
+                shifts,
+                shifts,
+            ];
             let start = all.add(Owner::Receiver(at), &free);
             all.receivers.push(start);
         }
@@ -392,7 +398,7 @@ impl Rows {
                 ];
                 self.add(&residual, blocks, sigma_m.map(Some));
             }
-            let offset = known.clock_offset.map_or(0.0, |offset| offset.sigma_m);
+            let offset = known.clock_offset.map_or(0.0, |offset| offset.sigma_s);
             let shift = known.shift_sigma_m;
             for (at, sigma) in [offset, known.drift_sigma, shift, shift, shift].into_iter().enumerate() {
                 let residual = KnownNumber::<5> { at, known: value[at] };

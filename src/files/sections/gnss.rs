@@ -2,7 +2,7 @@
 
 use super::super::cells::decimal;
 use super::super::section::Section;
-use crate::problem::{Known, Problem, ReceiverKnowledge};
+use crate::problem::{KnownTime, Problem, ReceiverKnowledge};
 use nalgebra::Vector3;
 use std::fmt::Write;
 
@@ -13,7 +13,7 @@ pub fn read(gnss: &Section) -> ReceiverKnowledge {
     if sigma_s.is_some() && offset_s.is_none() {
         gnss.warn("clock_offset_sigma_s", "has no effect without clock_offset_s");
     }
-    let clock_offset = offset_s.map(|value_m| Known { value_m, sigma_m: sigma_s.unwrap_or(0.0) });
+    let clock_offset = offset_s.map(|value_s| KnownTime { value_s, sigma_s: sigma_s.unwrap_or(0.0) });
     let along = |key| gnss.any_number(key).unwrap_or(0.0);
     ReceiverKnowledge {
         clock_offset,
@@ -30,8 +30,8 @@ pub fn write(text: &mut String, problem: &Problem) {
     let known = &receiver.knowledge;
     text.push_str("\n[gnss]\n");
     if let Some(offset) = known.clock_offset {
-        let _ = writeln!(text, "clock_offset_s = {}", decimal(offset.value_m, 9));
-        let _ = writeln!(text, "clock_offset_sigma_s = {}", decimal(offset.sigma_m, 9));
+        let _ = writeln!(text, "clock_offset_s = {}", decimal(offset.value_s, 9));
+        let _ = writeln!(text, "clock_offset_sigma_s = {}", decimal(offset.sigma_s, 9));
     }
     let [x, y, z]: [f64; 3] = known.lever_arm_m.into();
     for (key, value) in [
