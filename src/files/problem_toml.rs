@@ -298,7 +298,7 @@ id = "car2"
         );
         assert_eq!(settings.unwrap().calibration, Calibration::default());
         let (_, findings) = parse(&text.replace("\"brown\"", "\"pinhole\""));
-        let wanted = [(13, "k4"), (14, "skew_px")].map(|(line, key)| {
+        let wanted = [(12, "k4"), (13, "skew_px")].map(|(line, key)| {
             format!("problem.toml:{line}: camera.{key} has no effect: the model is \"pinhole\"")
         });
         assert_eq!(findings.warnings(), wanted);

@@ -214,7 +214,7 @@ impl Check<'_> {
     }
 
     fn pose_sigma(&mut self, field: &'static str, sigma: &PoseSigma) {
-        for sigma in sigma.components().into_iter().flatten() {
+        for sigma in sigma.rotation_rad.into_iter().chain([sigma.position_m]).flatten() {
             self.not_negative(Part::Problem, field, sigma);
         }
     }
