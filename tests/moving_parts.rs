@@ -14,7 +14,7 @@ use support::score::laid_on_truth;
 use trackbundle::diagnose::{Diagnosis, diagnose};
 use trackbundle::geometry::align::rigid_fit;
 use trackbundle::initialise::{Method, initialise};
-use trackbundle::problem::{Freedom, Known, Problem, ReceiverKnowledge, Shutter};
+use trackbundle::problem::{Freedom, KnownTime, Problem, ReceiverKnowledge, Shutter};
 use trackbundle::refine::{Adjusted, CRITICAL, RefineOptions, adjust};
 
 fn adjusted(problem: &Problem) -> (Adjusted, Diagnosis) {
@@ -342,7 +342,7 @@ fn held(flight: &Flight, seed: u64, clock_s: f64) -> Problem {
     let (mut problem, truth) = flight.draw(seed);
     problem.shutter = Shutter::default();
     for receiver in &mut problem.receivers {
-        receiver.knowledge.clock_offset = Some(Known { value_m: 0.0, sigma_m: 0.0 });
+        receiver.knowledge.clock_offset = Some(KnownTime { value_s: 0.0, sigma_s: 0.0 });
         receiver.positions.iter_mut().for_each(|p| p.time_s += clock_s - truth.clock_s);
     }
     problem

@@ -164,8 +164,8 @@ fn receiver_places(problem: &Problem, estimate: &Estimate, model: &Model) -> Vec
             all.push(Place { block, at, from, name, of, before, sigma_before, value });
         };
         let offset = known.clock_offset;
-        let before = offset.map_or(0.0, |offset| offset.value_m);
-        add(numbers, 0, "clock_offset_s", before, offset.map(|o| o.sigma_m), found.clock_offset_s);
+        let before = offset.map_or(0.0, |offset| offset.value_s);
+        add(numbers, 0, "clock_offset_s", before, offset.map(|o| o.sigma_s), found.clock_offset_s);
         add(numbers, 1, "clock_drift", 0.0, Some(known.drift_sigma), found.clock_drift);
         for (axis, name) in ["shift_x_m", "shift_y_m", "shift_z_m"].into_iter().enumerate() {
             add(numbers, 2 + axis, name, 0.0, Some(known.shift_sigma_m), found.shift_m[axis]);

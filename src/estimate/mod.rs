@@ -87,7 +87,7 @@ impl Estimate {
     /// An estimate of poses and points, everything else as it is known beforehand.
     pub fn new(problem: &Problem, camera_poses: Vec<Pose>, vehicles: Vec<VehicleEstimate>) -> Self {
         let receiver = |receiver: &Receiver| ReceiverEstimate {
-            clock_offset_s: receiver.knowledge.clock_offset.map_or(0.0, |known| known.value_m),
+            clock_offset_s: receiver.knowledge.clock_offset.map_or(0.0, |known| known.value_s),
             lever_arm_m: receiver.knowledge.lever_arm_m,
             ..ReceiverEstimate::default()
         };

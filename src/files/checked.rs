@@ -1,15 +1,17 @@
 //! Tables that fit each other, made into a problem.
 
-use super::inventory::{Inventory, TargetInventory};
+use super::inventory::Inventory;
 use super::problem_toml::Settings;
+use super::sections::vehicle::VehicleSettings;
+use super::tables::gnss;
+use super::tables::targets::TargetInventory;
 use crate::geometry::Pose;
 use crate::problem::{
-    Frame, GroundKnowledge, Known, Problem, ReceivedPosition, Receiver, ShapePoint, Target,
-    TargetObservation, Vehicle, VehicleObservation, Video,
+    Frame, GroundKnowledge, Known, Problem, ReceivedPosition, ShapePoint, Target, TargetObservation, Vehicle,
+    VehicleObservation, Video,
 };
 use crate::tables::Findings;
-use nalgebra::Vector2;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 
 /// A problem folder that is valid.
 #[derive(Debug)]
@@ -22,20 +24,6 @@ pub struct Folder {
     pub warnings: Vec<String>,
 }
 
-/// Where each id stands.
-pub(super) fn positions<'a>(ids: &[&'a str]) -> HashMap<&'a str, usize> {
-    ids.iter().enumerate().map(|(at, id)| (*id, at)).collect()
-}
-
-/// An image point of a vehicle; frame and vehicle are indices.
-pub(super) struct ObservedRow<'t> {
-    pub vehicle: usize,
-    pub frame: usize,
-    pub point: &'t str,
-    pub image_px: Vector2<f64>,
-    pub sigma_px: f64,
-}
-
 /// Tables that fit each other, as far as there are no findings.
 pub(super) struct Checked<'t> {
     pub settings: &'t Settings,
@@ -44,7 +32,8 @@ pub(super) struct Checked<'t> {
     pub camera_poses: HashMap<usize, Pose>,
     pub targets: Vec<Target>,
     pub target_observations: Vec<TargetObservation>,
-    pub vehicle_observations: Vec<ObservedRow<'t>>,
+    /// For each vehicle the ids of its points and its image points, both sorted.
+    pub vehicle_observations: Vec<(Vec<&'t str>, Vec<VehicleObservation>)>,
     pub vehicle_poses: HashMap<(usize, usize), Pose>,
     pub has_vehicle_poses: bool,
     pub known_points: HashMap<(usize, &'t str), [Option<Known>; 3]>,
@@ -71,7 +60,7 @@ impl Checked<'_> {
         if !not_supported.is_empty() {
             return Folder { inventory, problem: Err(not_supported), warnings };
         }
-        let receivers = self.receivers(&vehicles);
+        let receivers = gnss::receivers(&self.received, self.settings.gnss, &vehicles);
         let problem = Problem {
             name: self.settings.name.clone(),
             camera: self.settings.camera.clone(),
@@ -93,61 +82,28 @@ impl Checked<'_> {
         Folder { inventory, problem: Ok(problem), warnings }
     }
 
-    fn receivers(&self, vehicles: &[Vehicle]) -> Vec<Receiver> {
-        let mut all: Vec<Receiver> = Vec::new();
-        for (vehicle, id, received) in &self.received {
-            let points = &vehicles[*vehicle].points;
-            let Some(point) = points.iter().position(|point| point.id == *id) else { continue };
-            let at = all.iter().position(|r| (r.vehicle, r.point) == (*vehicle, point));
-            let at = at.unwrap_or_else(|| {
-                let (positions, knowledge) = (Vec::new(), self.settings.gnss);
-                all.push(Receiver { vehicle: *vehicle, point, positions, knowledge });
-                all.len() - 1
-            });
-            all[at].positions.push(*received);
-        }
-        for receiver in &mut all {
-            receiver.positions.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-        }
-        all.sort_by_key(|receiver| (receiver.vehicle, receiver.point));
-        all
-    }
-
     fn vehicles(&self) -> Vec<Vehicle> {
-        let mut point_ids: Vec<BTreeSet<&str>> = vec![BTreeSet::new(); self.settings.vehicles.len()];
-        for row in &self.vehicle_observations {
-            point_ids[row.vehicle].insert(row.point);
-        }
-        let mut vehicles: Vec<Vehicle> = Vec::new();
-        let mut indices = Vec::new();
-        for (at, (settings, ids)) in self.settings.vehicles.iter().zip(&point_ids).enumerate() {
-            let index = positions(&ids.iter().copied().collect::<Vec<_>>());
-            let shape_point = |id: &&str| ShapePoint {
-                id: (*id).to_owned(),
-                known: self.known_points.get(&(at, *id)).copied().unwrap_or_default(),
+        let all = self.settings.vehicles.iter().zip(&self.vehicle_observations).enumerate();
+        let vehicle =
+            |(at, (settings, (ids, observations))): (usize, (&VehicleSettings, &(Vec<&str>, Vec<_>)))| {
+                let shape_point = |id: &&str| ShapePoint {
+                    id: (*id).to_owned(),
+                    known: self.known_points.get(&(at, *id)).copied().unwrap_or_default(),
+                };
+                let marker = settings.marker.as_ref();
+                Vehicle {
+                    id: settings.id.clone(),
+                    marker: marker.and_then(|(marker, _)| ids.binary_search(&marker.as_str()).ok()),
+                    height: settings.height,
+                    scale_bars: Vec::new(),
+                    is_car: settings.is_car,
+                    points: ids.iter().map(shape_point).collect(),
+                    observations: observations.clone(),
+                    poses: (0..self.frames.len())
+                        .map(|frame| self.vehicle_poses.get(&(at, frame)).copied())
+                        .collect(),
+                }
             };
-            vehicles.push(Vehicle {
-                id: settings.id.clone(),
-                marker: settings.marker.as_ref().and_then(|(id, _)| index.get(id.as_str()).copied()),
-                height: settings.height,
-                scale_bars: Vec::new(),
-                is_car: settings.is_car,
-                points: ids.iter().map(shape_point).collect(),
-                observations: Vec::new(),
-                poses: (0..self.frames.len())
-                    .map(|frame| self.vehicle_poses.get(&(at, frame)).copied())
-                    .collect(),
-            });
-            indices.push(index);
-        }
-        for ObservedRow { vehicle, frame, point, image_px, sigma_px } in &self.vehicle_observations {
-            let point = indices[*vehicle][*point];
-            let (frame, image_px, sigma_px) = (*frame, *image_px, *sigma_px);
-            vehicles[*vehicle].observations.push(VehicleObservation { frame, point, image_px, sigma_px });
-        }
-        for vehicle in &mut vehicles {
-            vehicle.observations.sort_by_key(|o| (o.frame, o.point));
-        }
-        vehicles
+        all.map(vehicle).collect()
     }
 }

@@ -1,7 +1,6 @@
 //! What a problem is made of, file by file, with a fingerprint: so that a report can say what it is about.
 
-use super::problem_folder::TABLES;
-use super::problem_toml;
+use super::{problem_toml, tables};
 use crate::tables::{Finding, Findings};
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -23,7 +22,7 @@ pub fn input_files(folder: &Path) -> Vec<InputFile> {
     let grid = toml::from_str::<toml::Table>(&toml)
         .ok()
         .and_then(|table| Some(table.get("terrain")?.get("grid")?.as_str()?.to_owned()));
-    let names = std::iter::once(problem_toml::FILE).chain(TABLES.iter().copied()).chain(grid.as_deref());
+    let names = std::iter::once(problem_toml::FILE).chain(tables::NAMES).chain(grid.as_deref());
     names.filter_map(|name| input_file(folder, name)).collect()
 }
 

@@ -1,5 +1,6 @@
 //! Problem folders in, result rows out and back in: the one place that knows the names of columns and keys.
 
+mod cells;
 mod checked;
 mod inputs;
 mod inventory;
@@ -11,16 +12,23 @@ mod result_tables;
 mod result_targets;
 pub mod rows;
 pub mod section;
-mod video;
+mod sections;
+mod tables;
 mod written;
 
+pub use cells::decimal;
 pub use checked::Folder;
 pub use inputs::{InputFile, input_file, input_files, named_text};
-pub use inventory::{Inventory, TargetInventory, VehicleInventory};
+pub use inventory::Inventory;
 pub use problem_folder::{read_grid, read_problem};
-pub use problem_toml::{read_camera, read_vehicle_id};
+
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
 pub use result_residuals::{RESIDUALS, ResultResidual, ResultResiduals, START_RESIDUALS, read_residuals};
 pub use result_tables::{ResultPoint, ResultPoses, ResultReport, read_points, read_poses, read_report};
 pub use result_targets::{RESULT_TARGETS, ResultRole, ResultTarget, read_targets};
-pub use written::{camera_pose_table, decimal, problem_files, vehicle_pose_table};
+pub use sections::camera::read as read_camera;
+pub use sections::vehicle::read_id as read_vehicle_id;
+pub use tables::cameras::camera_pose_table;
+pub use tables::targets::TargetInventory;
+pub use tables::vehicles::{VehicleInventory, vehicle_pose_table};
+pub use written::problem_files;

@@ -1,15 +1,15 @@
-//! `problem.toml`.
+//! `problem.toml`: the list of its sections.
 
+use super::cells::quoted;
 use super::section::{Document, Section};
-use super::video::Pattern;
-use crate::camera::{Brown, Camera, Fisheye, INTERIOR, Lens, principal_in_image};
-use crate::problem::{Calibration, Freedom, GroundKnowledge, Known, PoseSigma, ReceiverKnowledge, Shutter};
+pub use super::sections::FILE;
+use super::sections::terrain::GroundSettings;
+use super::sections::vehicle::VehicleSettings;
+use super::sections::video::VideoSettings;
+use super::sections::{camera, gnss, noise, terrain, vehicle, video};
+use crate::camera::Camera;
+use crate::problem::{Calibration, PoseSigma, Problem, ReceiverKnowledge, Shutter};
 use crate::tables::Findings;
-use crate::terrain::Terrain;
-use nalgebra::{Vector2, Vector3};
-
-/// Name of the file.
-pub const FILE: &str = "problem.toml";
 
 /// What the file says.
 #[derive(Debug)]
@@ -28,59 +28,6 @@ pub struct Settings {
     pub video: Option<VideoSettings>,
 }
 
-/// `[terrain]`.
-#[derive(Debug)]
-pub struct GroundSettings {
-    pub terrain: TerrainSettings,
-    pub sigma_m: f64,
-    pub correlation_s: f64,
-    pub bias_sigma_m: f64,
-    pub tilt_sigma_rad: f64,
-}
-
-/// Which terrain.
-#[derive(Debug, PartialEq)]
-pub enum TerrainSettings {
-    /// A level plane at this height \[m\].
-    Plane(f64),
-    /// The grid in this file.
-    Grid(String),
-}
-
-impl GroundSettings {
-    /// With the terrain that it names.
-    pub fn with(&self, terrain: Terrain) -> GroundKnowledge {
-        let GroundSettings { sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad, .. } = *self;
-        GroundKnowledge { terrain, sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad }
-    }
-}
-
-/// `[video]`.
-#[derive(Debug, PartialEq)]
-pub enum VideoSettings {
-    /// A folder of images, and how that of a frame is named; without, they are in the order of the frames.
-    Images { folder: String, pattern: Option<Pattern> },
-    /// A film in one file, and time in it minus video time \[s\].
-    File { file: String, offset_s: f64 },
-}
-
-/// One `[[vehicle]]`.
-#[derive(Debug)]
-pub struct VehicleSettings {
-    pub id: String,
-    /// The marker and the line where it stands.
-    pub marker: Option<(String, u64)>,
-    pub height: Option<Known>,
-    pub is_car: bool,
-}
-
-/// Names of the keys of `[camera]` for each lens model.
-const BROWN_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
-const FISHEYE_KEYS: [&str; 4] = ["k1", "k2", "k3", "k4"];
-
-/// A readout takes no longer \[s\].
-const MOST_READOUT_S: f64 = 1.0;
-
 /// Reads the settings; `None` where they are too wrong to go on, and always with findings then.
 pub fn parse(text: &str) -> (Option<Settings>, Findings) {
     let (settings, findings) = Document::new(FILE, text).read(read);
@@ -90,21 +37,16 @@ pub fn parse(text: &str) -> (Option<Settings>, Findings) {
 fn read(top: &Section) -> Option<Settings> {
     top.check_format();
     let name = top.required("name", "a text", || top.text("name"));
-    let camera = top.required("camera", "a table [camera]", || top.table("camera", read_camera).flatten());
-    let noise = top.table("noise", read_noise).unwrap_or_else(|| Noise {
-        vehicle_px: 1.0,
-        target_px: 1.0,
-        camera: pose_sigma(None, None, 1.0),
-        vehicle: pose_sigma(None, None, 0.5),
-    });
-    let ground = top.table("terrain", read_terrain).flatten();
-    let gnss = top.table("gnss", read_gnss).unwrap_or_default();
-    let video = top.table("video", read_video).flatten();
+    let camera = top.required("camera", "a table [camera]", || top.table("camera", camera::read).flatten());
+    let noise = top.table("noise", noise::read).unwrap_or_default();
+    let ground = top.table("terrain", terrain::read).flatten();
+    let gnss = top.table("gnss", gnss::read).unwrap_or_default();
+    let video = top.table("video", video::read).flatten();
     let (camera, calibration, shutter) = match camera {
         Some((camera, calibration, shutter)) => (Some(camera), calibration, shutter),
         None => (None, Calibration::default(), Shutter::default()),
     };
-    let vehicles = top.things("vehicle", "[[vehicle]]", read_vehicle, |vehicle| &vehicle.id);
+    let vehicles = top.things("vehicle", "[[vehicle]]", vehicle::read, |vehicle| &vehicle.id);
     Some(Settings {
         name: name?,
         camera: camera?,
@@ -121,248 +63,25 @@ fn read(top: &Section) -> Option<Settings> {
     })
 }
 
-/// Reads `[camera]`.
-pub fn read_camera(camera: &Section) -> Option<(Camera, Calibration, Shutter)> {
-    let size = |key| {
-        camera.required(key, "a size above 0", || {
-            let whole = "a whole number above 0";
-            camera
-                .number(key, whole, |v| v > 0.0 && v.fract() == 0.0 && v <= f64::from(u32::MAX))
-                .map(|v| v as u32)
-        })
-    };
-    let positive = |key| camera.required(key, "a focal length above 0", || camera.positive(key));
-    let number = |key| camera.required(key, "a finite number", || camera.any_number(key));
-    let size_px = (size("width"), size("height"));
-    let focal = (positive("fx"), positive("fy"));
-    let principal = (number("cx"), number("cy"));
-    let model = camera.text("model");
-    let calibration = camera.table("refine", |refine| read_refine(refine, model.as_deref()));
-    let calibration = calibration.unwrap_or_default();
-    let bends = calibration[3..].iter().any(|freedom| freedom.is_adjusted());
-    let coefficients = |keys: &[&'static str]| -> Vec<f64> {
-        keys.iter().map(|key| camera.any_number(key).unwrap_or(0.0)).collect()
-    };
-    let lens = match model.as_deref() {
-        Some("pinhole") => {
-            for key in BROWN_KEYS.into_iter().chain(["k4"]) {
-                if camera.any_number(key).is_some_and(|value| value != 0.0) {
-                    camera.warn(key, "has no effect: the model is \"pinhole\"");
-                }
-            }
-            Lens::Pinhole
-        }
-        Some("brown") | None => {
-            let brown: [f64; 5] = coefficients(&BROWN_KEYS).try_into().expect("five keys");
-            if brown == [0.0; 5] && !bends { Lens::Pinhole } else { Lens::Brown(Brown::new(brown)) }
-        }
-        Some("fisheye") => {
-            Lens::Fisheye(Fisheye::new(coefficients(&FISHEYE_KEYS).try_into().expect("four keys")))
-        }
-        Some(_) => {
-            camera.error("model", "\"pinhole\", \"brown\" or \"fisheye\"");
-            Lens::Pinhole
-        }
-    };
-    let readout_s = camera.any_number("readout_s").unwrap_or(0.0);
-    let freedom = match camera.not_negative("readout_sigma_s").unwrap_or(0.0) {
-        0.0 => Freedom::Fixed,
-        sigma_s => Freedom::Prior(sigma_s),
-    };
-    if readout_s.abs() > MOST_READOUT_S {
-        camera.error("readout_s", "at most a second from the first to the last row");
-    }
-    let pixel_centre = |key| camera.number(key, "0.0 or 0.5", |v| v == 0.0 || v == 0.5);
-    let pixel_centre_px = pixel_centre("pixel_centre").unwrap_or(0.0);
-    let calibration_centre_px = pixel_centre("calibration_pixel_centre").unwrap_or(pixel_centre_px);
-    let principal_px = Vector2::new(principal.0?, principal.1?);
-    let read = Camera {
-        size_px: [size_px.0?, size_px.1?],
-        focal_px: Vector2::new(focal.0?, focal.1?),
-        principal_px: principal_in_image(principal_px, calibration_centre_px, pixel_centre_px),
-        pixel_centre_px,
-        lens,
-    };
-    if let Some(fold) = read.fold_in_image() {
-        camera.warn(
-            "model",
-            &format!(
-                "folds over inside the image, {:.0} px from the principal point; beyond, {:.1} % of the image \
-                 have no rays",
-                fold.radius_px,
-                100.0 * fold.share
-            ),
-        );
-    }
-    Some((read, calibration, Shutter { readout_s, freedom }))
-}
-
-/// `[camera.refine]`: what of the interior orientation is adjusted.
-fn read_refine(refine: &Section, model: Option<&str>) -> Calibration {
-    let mut all = Calibration::default();
-    let mut set = |key: &'static str, which: std::ops::Range<usize>| {
-        if let Some(freedom) = read_freedom(refine, key) {
-            all[which].fill(freedom);
-        }
-    };
-    for (key, which) in [
-        ("focal_length", 0..1),
-        ("fx", 0..1),
-        ("fy", 0..1),
-        ("principal_point", 1..3),
-        ("cx", 1..2),
-        ("cy", 2..3),
-    ] {
-        set(key, which);
-    }
-    let coefficients: &[&str] = match model {
-        Some("pinhole") => &[],
-        Some("fisheye") => &FISHEYE_KEYS,
-        _ => &BROWN_KEYS,
-    };
-    if refine.has("distortion") && coefficients.is_empty() {
-        refine.error("distortion", "a model that has distortion, \"brown\" or \"fisheye\"");
-    }
-    set("distortion", 3..3 + coefficients.len());
-    for (at, key) in coefficients.iter().enumerate() {
-        set(key, 3 + at..4 + at);
-    }
-    debug_assert!(3 + coefficients.len() <= INTERIOR);
-    all
-}
-
-/// `"free"`, `"fixed"`, or a standard deviation.
-fn read_freedom(section: &Section, key: &'static str) -> Option<Freedom> {
-    if !section.has(key) {
-        return None;
-    }
-    let wanted = "\"free\", \"fixed\" or a standard deviation above 0";
-    match section.text_or_number(key) {
-        (Some(text), _) if text == "free" => Some(Freedom::Free),
-        (Some(text), _) if text == "fixed" => Some(Freedom::Fixed),
-        (_, Some(sigma)) if sigma > 0.0 && sigma.is_finite() => Some(Freedom::Prior(sigma)),
-        _ => {
-            section.error(key, wanted);
-            None
-        }
-    }
-}
-
-/// `[gnss]`: what is known of the receivers of `observations/gnss.csv`.
-fn read_gnss(gnss: &Section) -> ReceiverKnowledge {
-    let offset_s = gnss.any_number("clock_offset_s");
-    let sigma_s = gnss.not_negative("clock_offset_sigma_s");
-    if sigma_s.is_some() && offset_s.is_none() {
-        gnss.warn("clock_offset_sigma_s", "has no effect without clock_offset_s");
-    }
-    let clock_offset = offset_s.map(|value_m| Known { value_m, sigma_m: sigma_s.unwrap_or(0.0) });
-    let along = |key| gnss.any_number(key).unwrap_or(0.0);
-    ReceiverKnowledge {
-        clock_offset,
-        drift_sigma: 1e-6 * gnss.not_negative("clock_drift_sigma_ppm").unwrap_or(0.0),
-        shift_sigma_m: gnss.not_negative("shift_sigma_m").unwrap_or(0.0),
-        lever_arm_m: Vector3::new(along("lever_x_m"), along("lever_y_m"), along("lever_z_m")),
-        lever_sigma_m: gnss.not_negative("lever_sigma_m").unwrap_or(0.0),
-    }
-}
-
-struct Noise {
-    vehicle_px: f64,
-    target_px: f64,
-    camera: PoseSigma,
-    vehicle: PoseSigma,
-}
-
-fn read_noise(noise: &Section) -> Noise {
-    let pixels = |key| noise.not_negative(key).unwrap_or(1.0);
-    Noise {
-        vehicle_px: pixels("vehicle_px"),
-        target_px: pixels("target_px"),
-        camera: pose_sigma(
-            noise.not_negative("camera_position_m"),
-            noise.not_negative("camera_rotation_deg"),
-            1.0,
-        ),
-        vehicle: pose_sigma(
-            noise.not_negative("vehicle_position_m"),
-            noise.not_negative("vehicle_rotation_deg"),
-            0.5,
-        ),
-    }
-}
-
-/// `tilt_share`: what share of the standard deviation about z goes for those about x and y.
-fn pose_sigma(position_m: Option<f64>, rotation_deg: Option<f64>, tilt_share: f64) -> PoseSigma {
-    let about = |share: f64| rotation_deg.map(|deg| (share * deg).to_radians());
-    PoseSigma { position_m, rotation_rad: [about(tilt_share), about(tilt_share), about(1.0)] }
-}
-
-fn read_terrain(terrain: &Section) -> Option<GroundSettings> {
-    let plane_z = terrain.any_number("plane_z");
-    let grid = terrain.text("grid");
-    let sigma_m = terrain.not_negative("sigma_m").unwrap_or(0.02);
-    let correlation_s = terrain.not_negative("correlation_s").unwrap_or(1.0);
-    let bias_sigma_m = terrain.not_negative("bias_sigma_m").unwrap_or(0.0);
-    let tilt_sigma_rad = terrain.not_negative("tilt_sigma_deg").unwrap_or(3.0).to_radians();
-    if terrain.has("plane_z") == terrain.has("grid") {
-        terrain.error("plane_z", "one of plane_z and grid");
-    }
-    let terrain = plane_z.map(TerrainSettings::Plane).or(grid.map(TerrainSettings::Grid))?;
-    Some(GroundSettings { terrain, sigma_m, correlation_s, bias_sigma_m, tilt_sigma_rad })
-}
-
-/// `[video]`: the film itself, to look at.
-fn read_video(video: &Section) -> Option<VideoSettings> {
-    let images = video.text("images");
-    let file = video.text("file");
-    let offset_s = video.any_number("offset_s").unwrap_or(0.0);
-    let pattern = video.text("pattern").map(|text| Pattern::new(&text));
-    if pattern == Some(None) {
-        video.error("pattern", "a name with one {frame} or, with zeros in front, {frame:06} in it");
-    }
-    if video.has("images") == video.has("file") {
-        video.error("images", "one of images and file");
-        return None;
-    }
-    for (key, other) in [("pattern", "images"), ("offset_s", "file")] {
-        if video.has(key) && !video.has(other) {
-            video.error(key, &format!("nothing without {other}"));
-        }
-    }
-    let images = images.map(|folder| VideoSettings::Images { folder, pattern: pattern.flatten() });
-    images.or(file.map(|file| VideoSettings::File { file, offset_s }))
-}
-
-/// Reads the id of a vehicle.
-pub fn read_vehicle_id(vehicle: &Section) -> Option<String> {
-    let id = vehicle.required("id", "a text", || vehicle.text("id"));
-    // The id becomes part of a file's name.
-    let unfit = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
-    if id.as_ref().is_some_and(|id| id.contains(unfit) || id.starts_with('.')) {
-        vehicle.error("id", "an id that can be part of a file name");
-    }
-    id
-}
-
-fn read_vehicle(vehicle: &Section) -> Option<VehicleSettings> {
-    let id = read_vehicle_id(vehicle);
-    let marker = vehicle.text("marker").map(|id| (id, vehicle.line("marker")));
-    let height_m = vehicle.positive("height_m");
-    let sigma_m = vehicle.not_negative("height_sigma_m").unwrap_or(0.1);
-    if vehicle.has("height_sigma_m") && !vehicle.has("height_m") {
-        vehicle.warn("height_sigma_m", "has no effect without height_m");
-    }
-    let kind = vehicle.text("kind");
-    if kind.as_ref().is_some_and(|kind| kind != "car" && kind != "other") {
-        vehicle.error("kind", "\"car\" or \"other\"");
-    }
-    let height = height_m.map(|value_m| Known { value_m, sigma_m });
-    Some(VehicleSettings { id: id?, marker, height, is_car: kind.is_some_and(|kind| kind == "car") })
+/// The file of a problem; `grid` is the name of the file of its heights, if it has some.
+pub fn written(problem: &Problem, grid: Option<&str>) -> String {
+    let mut text = format!("format = 1\nname = {}\n", quoted(&problem.name));
+    camera::write(&mut text, problem);
+    noise::write(&mut text, problem);
+    terrain::write(&mut text, problem, grid);
+    gnss::write(&mut text, problem);
+    vehicle::write(&mut text, problem);
+    text
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::{Brown, Fisheye, Lens};
+    use crate::files::sections::terrain::TerrainSettings;
+    use crate::files::sections::video::Pattern;
+    use crate::problem::{Freedom, Known, KnownTime};
+    use nalgebra::{Vector2, Vector3};
 
     const WHOLE: &str = r#"
 format = 1
@@ -489,7 +208,7 @@ id = "car2"
             "{WHOLE}[gnss]\nclock_offset_s = 0.1\nclock_drift_sigma_ppm = 20\nshift_sigma_m = 0.03\nlever_z_m = 0.05\n"
         );
         let gnss = parse(&text).0.unwrap().gnss;
-        assert_eq!(gnss.clock_offset, Some(Known { value_m: 0.1, sigma_m: 0.0 }));
+        assert_eq!(gnss.clock_offset, Some(KnownTime { value_s: 0.1, sigma_s: 0.0 }));
         assert!((gnss.drift_sigma - 2e-5).abs() < 1e-18);
         assert_eq!((gnss.shift_sigma_m, gnss.lever_arm_m), (0.03, Vector3::z() * 0.05));
         assert_eq!(parse(WHOLE).0.unwrap().gnss, ReceiverKnowledge::default());
@@ -562,6 +281,29 @@ id = "car2"
         assert_eq!(settings.unwrap().camera.lens, Lens::Fisheye(Fisheye::new([0.1, 0.0, 0.0, 0.02])));
         let (_, findings) = parse(&text.replace("k4", "p1"));
         assert_eq!(findings.warnings(), ["problem.toml:13: camera.p1 is not known and was not read"]);
+    }
+
+    #[test]
+    fn what_is_held_of_a_lens_is_read_and_not_refined() {
+        let text = WHOLE.replace("k1 = -0.011", "k4 = -0.02\nskew_px = 1.5");
+        let (settings, findings) = parse(&text);
+        assert_eq!(findings, Findings::default());
+        let lens = settings.unwrap().camera.lens;
+        assert_eq!(lens, Lens::Brown(Brown::with([0.0; 5], [-0.02, 1.5])));
+        let (settings, findings) =
+            parse(&text.replace("[noise]", "[camera.refine]\nskew_px = \"free\"\n[noise]"));
+        assert_eq!(
+            findings.warnings(),
+            ["problem.toml:15: camera.refine.skew_px is not known and was not read"]
+        );
+        assert_eq!(settings.unwrap().calibration, Calibration::default());
+        let (_, findings) = parse(&text.replace("\"brown\"", "\"pinhole\""));
+        let wanted = [(12, "k4"), (13, "skew_px")].map(|(line, key)| {
+            format!("problem.toml:{line}: camera.{key} has no effect: the model is \"pinhole\"")
+        });
+        assert_eq!(findings.warnings(), wanted);
+        let wanted = "problem.toml:5: column camera.model: expected \"pinhole\", \"brown\" or \"fisheye\", found \"\\\"plate\\\"\"";
+        assert_eq!(errors(&WHOLE.replace("\"brown\"", "\"plate\"")), [wanted]);
     }
 
     #[test]

@@ -1,9 +1,9 @@
-//! The rows of every table, problem and result. A field is named as its column.
+//! The rows of the tables of results. A field is named as its column.
 //!
 //! Units: metres, seconds, pixels; degrees where a name ends in `_deg`. Poses are `world_from_body`,
 //! quaternions scalar first. `docs/formats.md` says the rest.
 
-use crate::tables::{Column, ResultSigma, Row, Sigma, input_row};
+use crate::tables::{Column, ResultSigma, Row, input_row};
 use serde::Serialize;
 
 /// The columns of a result table.
@@ -31,75 +31,6 @@ macro_rules! written_as_read {
         }
     };
 }
-
-input_row!(
-    /// `frames.csv`.
-    FrameRow { required frame: i64, required time_s: f64 }
-);
-
-input_row!(
-    /// `camera_poses.csv`.
-    CameraPoseRow {
-        required frame: i64,
-        required x: f64, required y: f64, required z: f64,
-        required qw: f64, required qx: f64, required qy: f64, required qz: f64,
-    }
-);
-
-input_row!(
-    /// `vehicle_poses.csv`.
-    VehiclePoseRow {
-        required frame: i64, required vehicle: String,
-        required x: f64, required y: f64, required z: f64,
-        required qw: f64, required qx: f64, required qy: f64, required qz: f64,
-    }
-);
-
-input_row!(
-    /// `targets.csv`: points of the static world in its frame.
-    TargetRow {
-        required target: String,
-        required x: Option<f64>, required y: Option<f64>, required z: Option<f64>,
-        required sigma_x: Sigma, required sigma_y: Sigma, required sigma_z: Sigma,
-        optional role: Option<String>,
-    }
-);
-
-input_row!(
-    /// `target_observations.csv`.
-    TargetObservationRow {
-        required frame: i64, required target: String,
-        required u: f64, required v: f64,
-        optional sigma_px: Sigma,
-    }
-);
-
-input_row!(
-    /// `vehicle_observations.csv`.
-    VehicleObservationRow {
-        required frame: i64, required vehicle: String, required point: String,
-        required u: f64, required v: f64,
-        optional sigma_px: Sigma,
-    }
-);
-
-input_row!(
-    /// `vehicle_points.csv` of a problem: what is known beforehand of a point in the vehicle frame.
-    KnownPointRow {
-        required vehicle: String, required point: String,
-        required x: Option<f64>, required y: Option<f64>, required z: Option<f64>,
-        required sigma_x: Sigma, required sigma_y: Sigma, required sigma_z: Sigma,
-    }
-);
-
-input_row!(
-    /// `observations/gnss.csv`: measured positions to adjust to.
-    GnssObservationRow {
-        required vehicle: String, required point: String, required time_s: f64,
-        required x: f64, required y: f64, required z: f64,
-        required sigma_x: Sigma, required sigma_y: Sigma, required sigma_z: Sigma,
-    }
-);
 
 input_row!(
     /// `trajectories.csv` read back; what else than places is told may be missing.

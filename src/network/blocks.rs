@@ -133,7 +133,7 @@ fn add_receivers(sink: &mut impl Sink, problem: &Problem, current: &Estimate) ->
         let known = &receiver.knowledge;
         let drifts = known.drift_sigma > 0.0;
         let shifts = known.shift_sigma_m > 0.0;
-        let has_offset = known.clock_offset.is_none_or(|offset| offset.sigma_m > 0.0);
+        let has_offset = known.clock_offset.is_none_or(|offset| offset.sigma_s > 0.0);
         let free = [has_offset, drifts, shifts, shifts, shifts];
         let place = antenna.coords;
         Some(ReceiverBlocks {

@@ -205,7 +205,7 @@ impl Knowledge {
         };
         match known.clock_offset {
             None => self.kept.push(row(0, found.clock_offset_s, CONVENTIONAL_OFFSET_S)),
-            Some(offset) if offset.sigma_m > 0.0 => self.numbers.push(row(0, offset.value_m, offset.sigma_m)),
+            Some(offset) if offset.sigma_s > 0.0 => self.numbers.push(row(0, offset.value_s, offset.sigma_s)),
             Some(_) => {}
         }
         if known.drift_sigma > 0.0 {

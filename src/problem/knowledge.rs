@@ -1,6 +1,6 @@
 //! What is known of clocks, rows and lenses.
 
-use super::{Known, Vehicle};
+use super::Vehicle;
 use crate::camera::INTERIOR;
 use nalgebra::{Point3, Vector3};
 
@@ -67,11 +67,20 @@ pub struct ReceivedPosition {
     pub sigma_m: [f64; 3],
 }
 
+/// A time that is known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownTime {
+    /// The time \[s\].
+    pub value_s: f64,
+    /// Its standard deviation \[s\]; zero: exact and held.
+    pub sigma_s: f64,
+}
+
 /// What is known of a receiver beforehand: `[gnss]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReceiverKnowledge {
     /// Its time minus video time \[s\]; `None`: nothing is known.
-    pub clock_offset: Option<Known>,
+    pub clock_offset: Option<KnownTime>,
     /// Standard deviation of the rate of this offset \[s/s\]; zero: it does not drift.
     pub drift_sigma: f64,
     /// Standard deviation per axis of an error that all positions have in common \[m\]; zero: there is none.

@@ -1,16 +1,20 @@
 //! What was observed: cameras, frames, targets, vehicles, image points and prior knowledge.
 //!
-//! A [`Problem`] is immutable and valid by construction: every index is in range, every number is
-//! finite, every standard deviation is not negative, keys are unique, times increase. The room
-//! `files` makes it from a folder and refuses anything else.
+//! A [`Problem`] is a plain value. It is valid where every index is in range, every number is finite, no
+//! standard deviation is negative, keys are unique, times increase: the room `files` makes it from a folder
+//! and refuses anything else, and [`Problem::check`] says it of one that is built in memory.
 
+mod check;
 mod knowledge;
 mod video;
 
 use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::terrain::Terrain;
-pub use knowledge::{Calibration, Freedom, ReceivedPosition, Receiver, ReceiverKnowledge, Shutter};
+pub use check::{Fault, Faults, Part, Wrong};
+pub use knowledge::{
+    Calibration, Freedom, KnownTime, ReceivedPosition, Receiver, ReceiverKnowledge, Shutter,
+};
 use nalgebra::{Point3, Vector2};
 pub use video::Video;
 

@@ -53,7 +53,7 @@ pub fn directed_tests(held: &Held<'_>) -> Vec<DirectedTest> {
         }));
     }
     for (at, receiver) in problem.receivers.iter().enumerate() {
-        let Some(offset) = receiver.knowledge.clock_offset.filter(|offset| offset.sigma_m == 0.0) else {
+        let Some(offset) = receiver.knowledge.clock_offset.filter(|offset| offset.sigma_s == 0.0) else {
             continue;
         };
         let mut freed = problem.clone();
@@ -62,8 +62,8 @@ pub fn directed_tests(held: &Held<'_>) -> Vec<DirectedTest> {
         tests.extend(found.map(|(change, sigma)| DirectedTest {
             name: "clock_offset_s",
             of: Some(receiver.name(&problem.vehicles)),
-            held_at: offset.value_m,
-            estimate: offset.value_m + change,
+            held_at: offset.value_s,
+            estimate: offset.value_s + change,
             sigma,
         }));
     }

@@ -8,7 +8,7 @@ use crate::camera::Camera;
 use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
 use crate::problem::{
-    Frame, Freedom, GroundKnowledge, Known, PoseSigma, Problem, ReceivedPosition, Receiver,
+    Frame, Freedom, GroundKnowledge, Known, KnownTime, PoseSigma, Problem, ReceivedPosition, Receiver,
     ReceiverKnowledge, Role, ShapePoint, Shutter, Target, TargetObservation, Vehicle, VehicleObservation,
 };
 use crate::reference::GnssPosition;
@@ -539,7 +539,9 @@ impl World {
         let row =
             |(t, position): (f64, Point3<f64>)| ReceivedPosition { time_s: t + offset_s, position, sigma_m };
         let knowledge = ReceiverKnowledge {
-            clock_offset: gnss.clock_sigma_s.map(|sigma_m| Known { value_m: gnss.clock_offset_s, sigma_m }),
+            clock_offset: gnss
+                .clock_sigma_s
+                .map(|sigma_s| KnownTime { value_s: gnss.clock_offset_s, sigma_s }),
             shift_sigma_m: gnss.shift_sigma_m,
             ..ReceiverKnowledge::default()
         };

@@ -1,6 +1,7 @@
-//! The film of a problem: found and looked at from outside, never read whole.
+//! `[video]`, and the film that it names: found and looked at from outside, never read whole.
 
-use super::problem_toml::{self, VideoSettings};
+use super::super::section::Section;
+use super::FILE;
 use crate::problem::Video;
 use crate::tables::{Finding, Findings};
 use std::io;
@@ -46,9 +47,40 @@ impl Pattern {
     }
 }
 
+/// `[video]`.
+#[derive(Debug, PartialEq)]
+pub enum VideoSettings {
+    /// A folder of images, and how that of a frame is named; without, they are in the order of the frames.
+    Images { folder: String, pattern: Option<Pattern> },
+    /// A film in one file, and time in it minus video time \[s\].
+    File { file: String, offset_s: f64 },
+}
+
+/// `[video]`: the film itself, to look at.
+pub fn read(video: &Section) -> Option<VideoSettings> {
+    let images = video.text("images");
+    let file = video.text("file");
+    let offset_s = video.any_number("offset_s").unwrap_or(0.0);
+    let pattern = video.text("pattern").map(|text| Pattern::new(&text));
+    if pattern == Some(None) {
+        video.error("pattern", "a name with one {frame} or, with zeros in front, {frame:06} in it");
+    }
+    if video.has("images") == video.has("file") {
+        video.error("images", "one of images and file");
+        return None;
+    }
+    for (key, other) in [("pattern", "images"), ("offset_s", "file")] {
+        if video.has(key) && !video.has(other) {
+            video.error(key, &format!("nothing without {other}"));
+        }
+    }
+    let images = images.map(|folder| VideoSettings::Images { folder, pattern: pattern.flatten() });
+    images.or(file.map(|file| VideoSettings::File { file, offset_s }))
+}
+
 /// The film that problem.toml names. Its images must be of this size and there for `frames`, the numbers of
 /// frames.csv; `None` there: they are not known.
-pub fn read(
+pub fn find(
     problem_folder: &Path,
     settings: &VideoSettings,
     size_px: [u32; 2],
@@ -169,7 +201,7 @@ fn check_size(path: &Path, file: &str, size_px: [u32; 2], findings: &mut Finding
     };
     let [width, height] = size_px;
     if (size.width, size.height) != (width as usize, height as usize) {
-        let wanted = format!("{width} x {height} px as [camera] of {} has it", problem_toml::FILE);
+        let wanted = format!("{width} x {height} px as [camera] of {} has it", FILE);
         findings.error(Finding::of_file(file, &wanted, &format!("{} x {} px", size.width, size.height)));
     }
 }
@@ -211,7 +243,7 @@ mod tests {
     /// The film of a folder with frames 7, 8 and 9 of 640 x 480 px.
     fn found(place: &tempfile::TempDir, settings: &VideoSettings) -> (Option<Video>, Findings) {
         let mut findings = Findings::default();
-        let video = read(place.path(), settings, [640, 480], Some(&[7, 8, 9]), &mut findings);
+        let video = find(place.path(), settings, [640, 480], Some(&[7, 8, 9]), &mut findings);
         (video, findings)
     }
 
@@ -274,7 +306,7 @@ mod tests {
         assert_eq!(errors(&place, &by_order()), [wanted]);
         // Where it is not known which frames there are, nothing is said of their number.
         let mut findings = Findings::default();
-        read(place.path(), &by_order(), [640, 480], None, &mut findings);
+        find(place.path(), &by_order(), [640, 480], None, &mut findings);
         assert_eq!(findings, Findings::default());
     }
 
