@@ -36,6 +36,7 @@ pub mod evaluate;
 pub mod simulate;
 
 pub mod study;
+pub mod words;
 
 pub mod report;
 pub mod scene;

@@ -66,12 +66,14 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "geometry",
         ],
     ),
+    (8, "words", &["diagnose", "refine", "initialise", "estimate"]),
     (
         9,
         "report",
         &[
             "cloud",
             "tables",
+            "words",
             "study",
             "simulate",
             "diagnose",
@@ -101,6 +103,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "scene",
             "simulate",
             "study",
+            "words",
         ],
     ),
 ];
@@ -141,6 +144,7 @@ const DOORS: &[(&str, &[&str])] = &[
     ("csv", &["tables", "report"]),
     ("serde", &["tables", "files", "reference", "report"]),
     ("serde_json", &["files", "report"]),
+    ("schemars", &["report"]),
     ("sha2", &["files"]),
     ("zip", &["report"]),
     ("plotters", &["report"]),
@@ -295,7 +299,6 @@ const CIRCLES: &[&[&str]] = &[
         "src/refine/outcome.rs",
         "src/refine/receivers.rs",
     ],
-    &["src/report/page/content.rs", "src/report/page/figure.rs"],
     &["src/residuals/smooth_motion.rs", "src/residuals/twist.rs"],
     &["solver/src/linear/coupling.rs", "solver/src/linear/pose_chain.rs", "solver/src/linear/tiles.rs"],
     &[

@@ -19,7 +19,7 @@ pub use problem_folder::{read_grid, read_problem};
 pub use problem_toml::{read_camera, read_vehicle_id};
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
 pub use result_tables::{
-    RESIDUALS, ResultPoint, ResultPoses, ResultReport, ResultResidual, START_RESIDUALS, read_points,
-    read_poses, read_report, read_residuals,
+    RESIDUALS, ResultPoint, ResultPoses, ResultResidual, START_RESIDUALS, read_points, read_poses,
+    read_report, read_residuals,
 };
 pub use written::{camera_pose_table, decimal, problem_files, vehicle_pose_table};

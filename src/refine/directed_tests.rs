@@ -13,7 +13,7 @@
 
 use super::model::{Model, Purpose};
 use super::outcome::Fits;
-use super::{BodyFrame, NoSolution, RefineOptions};
+use super::{BodyFrame, RefineOptions};
 use crate::estimate::Estimate;
 use crate::problem::{Freedom, Problem};
 use nalgebra::DMatrix;
@@ -114,8 +114,7 @@ impl Held<'_> {
         let (block, at) = place(&model)?;
         let row = model.system.range_of(block)?.start + at;
         let values = model.system.start().clone();
-        let mut undamped =
-            Undamped::new(&model.system, &values).map_err(|e| NoSolution(e.to_string())).ok()?;
+        let mut undamped = Undamped::new(&model.system, &values).ok()?;
         let step = undamped.newton_step();
         let mut unit = DMatrix::zeros(step.len(), 1);
         unit[(row, 0)] = 1.0;

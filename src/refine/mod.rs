@@ -23,9 +23,11 @@ mod gross_errors;
 mod images;
 mod model;
 mod motion;
+mod network_warnings;
 mod outcome;
 mod receivers;
 mod reversal;
+mod warnings;
 
 pub use alone::alone;
 use body_frame::body_frames;
@@ -36,8 +38,10 @@ pub use expected::expected;
 pub use gross_errors::{Excluded, Reason, Tally, Verdict, Verdicts};
 pub use model::{LEAST_CONTACT_SIGMA, LEAST_HEIGHT_SIGMA_M, Model, Source, highest_points};
 pub use motion::{Body, BodyStrength, MotionPrior, MotionPriors, Order, Strengths};
+pub use network_warnings::{CameraGap, NetworkWarning, ScaleGap};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, OUTLIER_SIGMAS, ObservationFit, Round};
 pub use receivers::{antenna, positions_at};
+pub use warnings::{AdjustmentWarning, NoSolution};
 
 use crate::estimate::Estimate;
 use crate::initialise::body_axes::heading_of_travel;
@@ -93,17 +97,6 @@ pub enum Progress<'a> {
 
 /// Where progress is reported.
 pub type ProgressSink<'a> = &'a mut dyn FnMut(Progress<'_>);
-
-/// The problem has no usable solution; what is missing is said.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct NoSolution(pub String);
-
-impl From<TooLarge> for NoSolution {
-    fn from(error: TooLarge) -> Self {
-        NoSolution(error.to_string())
-    }
-}
 
 /// Rounds in which motion priors are estimated, at the most.
 const MOST_ROUNDS: usize = 8;
@@ -180,13 +173,9 @@ pub fn adjust(
     progress: Option<ProgressSink<'_>>,
 ) -> Result<Adjusted, NoSolution> {
     if start.vehicles.iter().all(|vehicle| vehicle.left_out.is_some()) {
-        let reasons: Vec<String> = problem
-            .vehicles
-            .iter()
-            .zip(&start.vehicles)
-            .filter_map(|(v, e)| Some(format!("vehicle {}: {}", v.id, e.left_out.as_ref()?)))
-            .collect();
-        return Err(NoSolution(format!("no vehicle can be adjusted; {}", reasons.join("; "))));
+        let all = problem.vehicles.iter().zip(&start.vehicles);
+        let left_out = all.filter_map(|(v, e)| Some((v.id.clone(), e.left_out?))).collect();
+        return Err(NoSolution::NoVehicle { left_out });
     }
     let mut start = start.clone();
     receivers::start_clocks(problem, &mut start);
@@ -266,9 +255,7 @@ pub fn adjust(
     let mut estimate = run.model.estimate(problem, start, &run.values);
     look_where_they_drive(problem, &mut estimate);
     if !estimate.is_finite() || !minimum.cost.value.is_finite() {
-        return Err(NoSolution(
-            "the adjustment does not end in finite numbers: is a value out of all proportion?".to_owned(),
-        ));
+        return Err(NoSolution::NotFinite);
     }
     if let Stop::Iterations { limit } = &mut minimum.stop {
         // Of all rounds together.
@@ -277,10 +264,7 @@ pub fn adjust(
     let excluded = run.excluded.clone();
     let fits = Fits::new(problem, &estimate, chosen, spread, &excluded);
     if fits.inside(problem)[0].is_empty() {
-        return Err(NoSolution(
-            "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
-                .to_owned(),
-        ));
+        return Err(NoSolution::NothingFits);
     }
     let robust = estimate.clone();
     let dropped = outcome::drop_rejected_points(problem, &mut estimate, &fits);

@@ -7,6 +7,7 @@ use super::datum::{self, Treatment};
 use super::gross_errors::Excluded;
 use super::images::{Images, add_camera_knowledge, add_images};
 use super::motion::{Body, Motion, MotionPrior, MotionPriors, Order, TimedPose};
+use super::network_warnings::NetworkWarning;
 use super::outcome::Fits;
 use super::receivers::{self, ReceiverBlocks, add_receivers};
 use crate::camera::INTERIOR;
@@ -114,7 +115,7 @@ pub struct Model {
     /// The motion priors.
     pub motion: Motion,
     /// What is odd about the datum.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<NetworkWarning>,
     /// Every group and what it is.
     pub sources: Vec<(Source, GroupId)>,
     /// For each image point of a vehicle that takes part: vehicle and observation, in the order of the group.
@@ -167,17 +168,14 @@ impl Model {
     ) -> Model {
         let mut warnings = Vec::new();
         let (cameras, warning) = datum::of_cameras(problem);
-        warnings.extend(warning);
+        warnings.extend(warning.map(NetworkWarning::Cameras));
         let vehicles: Vec<Treatment> =
             problem.vehicles.iter().map(|vehicle| datum::of_vehicle(problem, vehicle)).collect();
         for (vehicle, estimate) in problem.vehicles.iter().zip(&start.vehicles) {
             if estimate.left_out.is_none()
                 && let Some(gap) = datum::scale_gap(problem, vehicle)
             {
-                warnings.push(format!(
-                    "scale of {}: held only by the starting poses ({gap}); size, height and track are wrong by one common share",
-                    vehicle.id
-                ));
+                warnings.push(NetworkWarning::Scale { vehicle: vehicle.id.clone(), gap });
             }
         }
         let mut builder = SystemBuilder::default();
@@ -846,7 +844,7 @@ fn add_contacts(
     ground: &GroundKnowledge,
     current: &Estimate,
     blocks: &Blocks,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<NetworkWarning>,
 ) -> Vec<(GroupId, Vec<f64>)> {
     let (least_m, least_rad) = LEAST_CONTACT_SIGMA;
     let tilt = ground.tilt_sigma_rad.max(least_rad);
@@ -886,13 +884,12 @@ fn add_contacts(
             before = Some((frame, pose));
         }
         if let Some((first, reason)) = without_ground.first() {
-            warnings.push(format!(
-                "vehicle {}: poses without ground below them, which no terrain ties: {}, the first in frame {} \
-                 ({reason})",
-                problem.vehicles[at].id,
-                without_ground.len(),
-                problem.frames[*first].number
-            ));
+            warnings.push(NetworkWarning::WithoutGround {
+                vehicle: problem.vehicles[at].id.clone(),
+                poses: without_ground.len(),
+                frame: problem.frames[*first].number,
+                reason: *reason,
+            });
         }
     }
     let [of_first, of_next] = shifts;

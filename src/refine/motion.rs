@@ -343,7 +343,7 @@ impl Motion {
         if estimated.is_empty() {
             return Ok(1.0);
         }
-        let (normal, factors) = minimiser.factors(system, values).map_err(|e| NoSolution(e.to_string()))?;
+        let (normal, factors) = minimiser.factors(system, values)?;
         let n = system.size();
         let fewest = estimated.iter().map(|c| system.rows(c.group)).min().unwrap_or(0);
         let probes = (PROBED_ROWS / fewest.max(1)).clamp(2, MOST_PROBES);

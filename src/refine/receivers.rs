@@ -4,6 +4,7 @@
 //! chosen anew with every model.
 
 use super::model::{Blocks, Purpose};
+use super::network_warnings::NetworkWarning;
 use super::outcome::OUTLIER_SIGMAS;
 use crate::clock::curve::Curve;
 use crate::clock::quantile::median;
@@ -171,14 +172,14 @@ pub fn add_receivers(
     current: &Estimate,
     blocks: &Blocks,
     purpose: Purpose<'_>,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<NetworkWarning>,
 ) -> ReceiverGroups {
     let (mut positions, mut items) = (Vec::new(), Vec::new());
     let (mut numbers, mut arms, mut kept) = (Vec::new(), Vec::new(), Vec::new());
     for (at, (receiver, own)) in problem.receivers.iter().zip(&blocks.receivers).enumerate() {
         let name = receiver.name(&problem.vehicles);
         let Some(own) = own else {
-            warnings.push(format!("GNSS positions of {name}: not used, its point has no place"));
+            warnings.push(NetworkWarning::ReceiverWithoutPlace { receiver: name });
             continue;
         };
         let poses = &blocks.vehicles[receiver.vehicle].poses;
@@ -202,12 +203,10 @@ pub fn add_receivers(
             items.push((at, item));
         }
         if rejected > 0 {
-            warnings.push(format!("GNSS positions of {name}: {rejected} rejected, {used} used"));
+            warnings.push(NetworkWarning::PositionsRejected { receiver: name.clone(), rejected, used });
         }
         if used == 0 {
-            warnings.push(format!(
-                "GNSS positions of {name}: none falls into the time in which the vehicle is seen"
-            ));
+            warnings.push(NetworkWarning::NoPositionInTime { receiver: name });
         }
         let known = &receiver.knowledge;
         if let Some(point) = blocks.vehicles[receiver.vehicle].points[receiver.point] {

@@ -1,71 +1,32 @@
 //! What `report.json` says, in words and tables: verdict, datum and scale, control, interior orientation.
+//! What it does not say reads as a dash.
 
-use super::content::{Block, Section, Table, cm_or_dash, decimal};
+use super::content::{Block, Section, Table};
 use crate::files::InputFile;
 use crate::problem::Problem;
-use crate::report::rounding::grouped;
-use serde_json::Value;
+use crate::report::Report;
+use crate::report::diagnosis::{ParameterReport, ScaleReport, Sigma};
+use crate::words::format::{DASH, cm_or_dash, decimal, decimal_or_dash, percent_of, whole_or_dash};
 
-const DASH: &str = "\u{2013}";
-
-/// The report of a result; what it does not say reads as a dash.
-#[derive(Clone, Copy, Debug)]
-pub struct Facts<'a>(pub &'a Value);
-
-impl<'a> Facts<'a> {
-    /// A number at a JSON pointer.
-    pub fn number(&self, pointer: &str) -> Option<f64> {
-        self.0.pointer(pointer)?.as_f64()
-    }
-
-    /// A text or a number with so many digits.
-    fn show(&self, pointer: &str, digits: usize) -> String {
-        match self.0.pointer(pointer) {
-            Some(Value::String(text)) => text.clone(),
-            Some(Value::Bool(yes)) => if *yes { "yes" } else { "no" }.to_owned(),
-            Some(value) => match (value.as_i64(), value.as_f64()) {
-                (Some(whole), _) => grouped(whole, '\u{202f}').replace('-', "\u{2212}"),
-                (None, Some(number)) => decimal(number, digits),
-                _ => DASH.to_owned(),
-            },
-            None => DASH.to_owned(),
-        }
-    }
-
-    /// The items of a list.
-    fn list(&self, pointer: &str) -> Vec<Facts<'a>> {
-        self.0
-            .pointer(pointer)
-            .and_then(Value::as_array)
-            .map(|all| all.iter().map(Facts).collect())
-            .unwrap_or_default()
-    }
-
-    /// The entries of an object, in the order of their names.
-    fn entries(&self, pointer: &str) -> Vec<(&'a str, Facts<'a>)> {
-        let object = self.0.pointer(pointer).and_then(Value::as_object);
-        object
-            .map(|all| all.iter().map(|(name, value)| (name.as_str(), Facts(value))).collect())
-            .unwrap_or_default()
-    }
+fn or_dash(text: &str) -> String {
+    if text.is_empty() { DASH.to_owned() } else { text.to_owned() }
 }
 
 /// The verdict in some ten lines.
-pub fn verdict(facts: Facts, warnings: &[String]) -> Section {
+pub fn verdict(report: &Report, warnings: &[String]) -> Section {
     let mut section = Section::new("verdict", "Verdict");
-    match facts.0.pointer("/verdict") {
-        Some(verdict) if !verdict.is_null() => {
-            section.strong(format!("Can the result be trusted? {}.", facts.show("/verdict/trust", 0)));
-            let lines = ["/verdict/reasons", "/verdict/facts"].iter().flat_map(|at| facts.list(at));
-            let items: Vec<String> = lines.filter_map(|line| line.0.as_str().map(str::to_owned)).collect();
+    match &report.verdict {
+        Some(verdict) => {
+            section.strong(format!("Can the result be trusted? {}.", or_dash(&verdict.trust)));
+            let items = verdict.reasons.iter().chain(&verdict.facts).cloned().collect();
             section.blocks.push(Block::List { items });
         }
-        _ => section.empty("The result has no verdict: it was not adjusted, or had no final least squares."),
+        None => {
+            section.empty("The result has no verdict: it was not adjusted, or had no final least squares.")
+        }
     }
-    let told =
-        facts.list("/warnings").iter().filter_map(|w| w.0.as_str()).map(str::to_owned).collect::<Vec<_>>();
-    let mut all: Vec<String> = told;
-    all.extend(warnings.iter().filter(|warning| !all.contains(warning)).cloned().collect::<Vec<_>>());
+    let mut all = report.warnings.clone();
+    all.extend(warnings.iter().filter(|warning| !report.warnings.contains(warning)).cloned());
     if all.is_empty() {
         section.text("There are no warnings.");
     } else {
@@ -76,25 +37,23 @@ pub fn verdict(facts: Facts, warnings: &[String]) -> Section {
 }
 
 /// What went in, and by which commands.
-pub fn inputs(facts: Facts, commands: [&str; 2], now: &[InputFile]) -> Section {
+pub fn inputs(report: &Report, commands: [&str; 2], now: &[InputFile]) -> Section {
     let mut section = Section::new("inputs", "Inputs and commands");
     let mut table = Table::new("Commands", &["what", "command"]);
     table.row(["adjustment (PROBLEM is the problem folder; without places, and without options that change no number)".to_owned(), commands[0].to_owned()]);
     table.row(["this report".to_owned(), commands[1].to_owned()]);
-    table.row(["program".to_owned(), format!("trackbundle {}", facts.show("/version", 0))]);
+    table.row(["program".to_owned(), format!("trackbundle {}", or_dash(&report.version))]);
     section.table(table);
-    let recorded = facts.list("/inputs");
     let mut table =
         Table::new("Files of the problem that were adjusted", &["file", "bytes", "SHA-256", "now"]);
-    for file in &recorded {
-        let name = file.show("/file", 0);
-        let digest = file.show("/sha256", 0);
-        let state = match now.iter().find(|f| f.file == name) {
-            Some(found) if found.sha256 == digest => "unchanged",
+    for file in &report.inputs {
+        let state = match now.iter().find(|f| f.file == file.file) {
+            Some(found) if found.sha256 == file.sha256 => "unchanged",
             Some(_) => "CHANGED since the adjustment",
             None => "not there any more",
         };
-        table.row([name, file.show("/bytes", 0), digest, state.to_owned()]);
+        let (name, digest) = (or_dash(&file.file), or_dash(&file.sha256));
+        table.row([name, whole_or_dash(file.bytes), digest, state.to_owned()]);
     }
     if table.rows.is_empty() {
         section.empty("The result does not say which files it is from (it was written by an older version).");
@@ -104,146 +63,75 @@ pub fn inputs(facts: Facts, commands: [&str; 2], now: &[InputFile]) -> Section {
 }
 
 /// Files of the problem that are no longer those of the result.
-pub fn changed_inputs(report: &Value, now: &[InputFile]) -> Vec<String> {
-    let recorded = Facts(report).list("/inputs");
-    let is_other = |file: &Facts| {
-        let (name, digest) = (file.show("/file", 0), file.show("/sha256", 0));
-        now.iter().all(|f| f.file != name || f.sha256 != digest)
-    };
-    recorded.iter().filter(|file| is_other(file)).map(|file| file.show("/file", 0)).collect()
+pub fn changed_inputs(report: &Report, now: &[InputFile]) -> Vec<String> {
+    let is_as_now = |file: &str, sha256: &str| now.iter().any(|f| f.file == file && f.sha256 == sha256);
+    let changed = report.inputs.iter().filter(|input| !is_as_now(&input.file, &input.sha256));
+    changed.map(|input| input.file.clone()).collect()
 }
 
 /// What was adjusted, and what held the datum and the scale.
-pub fn adjusted(facts: Facts) -> Section {
+pub fn adjusted(report: &Report) -> Section {
     let mut section = Section::new("adjusted", "What was adjusted, and what held the datum and the scale");
     let mut table = Table::new("Adjustment", &["", ""]);
-    let mut row = |name: &str, value: String| table.row([name.to_owned(), value]);
-    row("status", format!("{} ({})", facts.show("/status", 0), facts.show("/stop", 0)));
-    row("iterations, all rounds", facts.show("/iterations", 0));
-    row(
-        "cost at the start, at the end",
-        format!("{}, {}", facts.show("/initial_cost", 1), facts.show("/final_cost", 1)),
-    );
-    row(
-        "rows, parameters, redundancy",
-        format!(
-            "{}, {}, {}",
-            facts.show("/observations", 0),
-            facts.show("/parameters", 0),
-            facts.show("/redundancy", 0)
-        ),
-    );
-    row("sigma0 a posteriori (a priori 1)", facts.show("/sigma0", 4));
-    row(
-        "image residuals, rms",
-        format!(
-            "{} px (vehicles {}, targets {})",
-            facts.show("/rms_px", 2),
-            facts.show("/rms_vehicle_px", 2),
-            facts.show("/rms_target_px", 2)
-        ),
-    );
-    row(
-        "image points given, used, gross errors",
-        format!(
-            "{}, {}, {}",
-            facts.show("/image_points/given", 0),
-            facts.show("/image_points/used", 0),
-            facts.show("/outliers", 0)
-        ),
-    );
-    row(
-        "robust loss",
-        format!("{}, scale {} sigma", facts.show("/loss/name", 0), facts.show("/loss/scale_sigmas", 2)),
-    );
-    for motion in facts.list("/motion") {
-        let (power, linear, angular) = match motion.show("/white_noise", 0).as_str() {
-            "jerk" => ("3", "/jerk_mps3", "/angular_jerk_degps3"),
-            _ => ("2", "/acceleration_mps2", "/angular_acceleration_degps2"),
-        };
-        row(
-            &format!("motion of {}", motion.show("/body", 0)),
-            format!(
-                "white {}, {} m/s^{power} and {} deg/s^{power} over one second{}",
-                motion.show("/white_noise", 0),
-                motion.show(linear, 3),
-                motion.show(angular, 3),
-                if motion.0.pointer("/estimated") == Some(&Value::Bool(true)) { " (estimated)" } else { "" }
-            ),
-        );
-    }
+    report.facts().page_rows().into_iter().for_each(|(name, value)| table.row([name, value]));
     section.table(table);
-
     section.heading("Datum");
-    match facts.0.pointer("/observability") {
-        Some(found) if !found.is_null() => {
-            section.text(format!(
-                "{} of {} unknowns are determined; {} are not.",
-                facts.show("/observability/rank", 0),
-                facts.show("/observability/unknowns", 0),
-                facts.show("/observability/defect", 0)
-            ));
-            let mut table = Table::new("Open or weak directions", &["direction", "class", "held by"]);
-            for direction in facts.list("/observability/directions") {
-                table.row([
-                    direction.show("/name", 0),
-                    direction.show("/class", 0),
-                    direction.show("/held_by", 0),
-                ]);
-            }
-            section.table(table);
-        }
-        _ => section.empty("The result does not say what its datum rests on."),
-    }
+    add_datum(&mut section, report);
     section.heading("Scale");
-    let scales = facts.list("/scales");
-    if scales.is_empty() {
+    if report.scales.is_empty() {
         section.empty("The result does not say what determined the scale.");
     }
-    for scale in scales {
-        let percent =
-            |value: Option<f64>| value.map_or(DASH.to_owned(), |v| format!("{} %", decimal(100.0 * v, 2)));
-        let sigma = match scale.0.pointer("/sigma") {
-            Some(Value::String(_)) => "not determined".to_owned(),
-            _ => format!("standard deviation {}", percent(scale.number("/sigma"))),
-        };
-        let mut table = Table::new(
-            format!("Scale of {}: {sigma}", scale.show("/vehicle", 0)),
-            &["source", "share of the variance", "standard deviation without it"],
-        );
-        let mut shares = scale.entries("/shares");
-        shares.sort_by(|a, b| b.1.0.as_f64().unwrap_or(0.0).total_cmp(&a.1.0.as_f64().unwrap_or(0.0)));
-        for (source, share) in shares {
-            let without = match scale.0.pointer("/sigma_without").and_then(|all| all.get(source)) {
-                Some(Value::String(_)) => "not determined".to_owned(),
-                Some(value) => percent(value.as_f64()),
-                None => DASH.to_owned(),
-            };
-            table.row([source.to_owned(), percent(share.0.as_f64()), without]);
-        }
-        section.table(table);
-    }
+    report.scales.iter().for_each(|scale| section.table(of_scale(scale)));
     section
 }
 
+fn add_datum(section: &mut Section, report: &Report) {
+    let Some(found) = &report.observability else {
+        section.empty("The result does not say what its datum rests on.");
+        return;
+    };
+    let [rank, unknowns, defect] = [found.rank, found.unknowns, found.defect].map(|n| whole_or_dash(Some(n)));
+    section.text(format!("{rank} of {unknowns} unknowns are determined; {defect} are not."));
+    let mut table = Table::new("Open or weak directions", &["direction", "class", "held by"]);
+    for direction in &found.directions {
+        let held_by = direction.held_by.as_deref().unwrap_or_default();
+        table.row([direction.name.as_str(), &direction.class, held_by].map(or_dash));
+    }
+    section.table(table);
+}
+
+fn of_scale(scale: &ScaleReport) -> Table {
+    let percent = |value: Option<f64>| value.map_or(DASH.to_owned(), |value| percent_of(value, 2, " "));
+    let told = |sigma: Option<Sigma>| match sigma {
+        Some(Sigma(sigma)) if sigma.is_infinite() => None,
+        sigma => Some(percent(sigma.map(|sigma| sigma.0))),
+    };
+    let not_determined = || "not determined".to_owned();
+    let sigma = told(scale.sigma).map_or_else(not_determined, |sigma| format!("standard deviation {sigma}"));
+    let mut table = Table::new(
+        format!("Scale of {}: {sigma}", or_dash(&scale.vehicle)),
+        &["source", "share of the variance", "standard deviation without it"],
+    );
+    let mut shares: Vec<(&String, Option<f64>)> = scale.shares.iter().map(|(s, share)| (s, *share)).collect();
+    shares.sort_by(|a, b| b.1.unwrap_or(0.0).total_cmp(&a.1.unwrap_or(0.0)));
+    for (source, share) in shares {
+        let without = told(scale.sigma_without.get(source).copied()).unwrap_or_else(not_determined);
+        table.row([source.clone(), percent(share), without]);
+    }
+    table
+}
+
 /// Check points; control points are told by their image residuals.
-pub fn check_points(section: &mut Section, facts: Facts) {
+pub fn check_points(section: &mut Section, report: &Report) {
     let mut table = Table::new(
         "Check points, result minus survey",
         &["target", "dx", "dy", "dz", "sigma x", "sigma y", "sigma z", "probability"],
     );
-    for check in facts.list("/check_points") {
-        let cell = |name: &str| cm_or_dash(check.number(name));
-        table.row([
-            check.show("/target", 0),
-            cell("/dx"),
-            cell("/dy"),
-            cell("/dz"),
-            cell("/sigma_dx"),
-            cell("/sigma_dy"),
-            cell("/sigma_dz"),
-            check.show("/probability", 3),
-        ]);
+    for check in &report.check_points {
+        let lengths = [check.dx, check.dy, check.dz, check.sigma_dx, check.sigma_dy, check.sigma_dz];
+        let [dx, dy, dz, sigma_dx, sigma_dy, sigma_dz] = lengths.map(cm_or_dash);
+        let (target, probability) = (or_dash(&check.target), decimal_or_dash(check.probability, 3));
+        table.row([target, dx, dy, dz, sigma_dx, sigma_dy, sigma_dz, probability]);
     }
     if table.rows.is_empty() {
         section.empty("There are no check points: no target has the role \"check\".");
@@ -252,43 +140,16 @@ pub fn check_points(section: &mut Section, facts: Facts) {
 }
 
 /// The interior orientation, and whatever else was adjusted beside poses and points.
-pub fn interior(facts: Facts, problem: Option<&Problem>) -> Section {
+pub fn interior(report: &Report, problem: Option<&Problem>) -> Section {
     let mut section = Section::new("interior", "Interior orientation, and other numbers");
-    let estimated = facts.list("/estimated");
     if let Some(problem) = problem {
-        let mut table = Table::new("Interior orientation", &["number", "as calibrated", "in the adjustment"]);
-        let camera = &problem.camera;
-        let (values, names) = (camera.interior(), camera.interior_names());
-        for at in 0..camera.interior_count() {
-            let is_adjusted = estimated.iter().any(|e| e.show("/name", 0) == names[at]);
-            let digits = if at < 3 { 3 } else { 6 };
-            let how = if is_adjusted { "adjusted, see below" } else { "held" };
-            table.row([names[at].to_owned(), decimal(values[at], digits), how.to_owned()]);
-        }
-        section.table(table);
+        section.table(of_camera(report, problem));
     }
     let mut table = Table::new(
         "Numbers adjusted beside poses and points",
         &["number", "before", "adjusted", "sigma", "effect on the shape", "correlations beyond 0.95"],
     );
-    for number in &estimated {
-        let of =
-            number.0.pointer("/of").and_then(Value::as_str).map_or(String::new(), |of| format!(" of {of}"));
-        let is_observable = number.0.pointer("/observable") != Some(&Value::Bool(false));
-        let correlations: Vec<String> = number
-            .entries("/correlations")
-            .into_iter()
-            .map(|(name, value)| format!("{name} {}", decimal(value.0.as_f64().unwrap_or(f64::NAN), 3)))
-            .collect();
-        table.row([
-            format!("{}{of}", number.show("/name", 0)),
-            number.show("/before", 6),
-            number.show("/value", 6),
-            if is_observable { number.show("/sigma", 6) } else { "not observable".to_owned() },
-            cm_or_dash(number.number("/effect_m")),
-            if correlations.is_empty() { "none".to_owned() } else { correlations.join(", ") },
-        ]);
-    }
+    report.estimated.iter().for_each(|number| table.row(of_number(number)));
     if table.rows.is_empty() {
         section.empty("No number was adjusted beside poses and points: the interior orientation is held as calibrated, and has no correlations.");
     }
@@ -297,15 +158,44 @@ pub fn interior(facts: Facts, problem: Option<&Problem>) -> Section {
         "Tests of numbers that are held",
         &["number", "held at", "if it were free", "sigma", "rejected at 0.1 %"],
     );
-    for test in facts.list("/directed_tests") {
-        table.row([
-            test.show("/name", 0),
-            test.show("/held_at", 6),
-            test.show("/estimate", 6),
-            test.show("/sigma", 6),
-            test.show("/rejected", 0),
-        ]);
+    for test in &report.directed_tests {
+        let [held_at, estimate, sigma] =
+            [test.held_at, test.estimate, test.sigma].map(|value| decimal_or_dash(value, 6));
+        let rejected = if test.rejected { "yes" } else { "no" };
+        table.row([or_dash(&test.name), held_at, estimate, sigma, rejected.to_owned()]);
     }
     section.table(table);
     section
+}
+
+fn of_camera(report: &Report, problem: &Problem) -> Table {
+    let mut table = Table::new("Interior orientation", &["number", "as calibrated", "in the adjustment"]);
+    let camera = &problem.camera;
+    let (values, names) = (camera.interior(), camera.interior_names());
+    for at in 0..camera.interior_count() {
+        let is_adjusted = report.estimated.iter().any(|number| number.name == names[at]);
+        let digits = if at < 3 { 3 } else { 6 };
+        let how = if is_adjusted { "adjusted, see below" } else { "held" };
+        table.row([names[at].to_owned(), decimal(values[at], digits), how.to_owned()]);
+    }
+    table
+}
+
+fn of_number(number: &ParameterReport) -> [String; 6] {
+    let of = number.of.as_ref().map_or(String::new(), |of| format!(" of {of}"));
+    let sigma = match number.sigma {
+        _ if !number.observable => "not observable".to_owned(),
+        Some(Sigma(sigma)) if sigma.is_infinite() => "inf".to_owned(),
+        sigma => decimal_or_dash(sigma.map(|sigma| sigma.0), 6),
+    };
+    let told = |(name, r): (&String, &f64)| format!("{name} {}", decimal(*r, 3));
+    let correlations: Vec<String> = number.correlations.iter().map(told).collect();
+    [
+        format!("{}{of}", or_dash(&number.name)),
+        decimal_or_dash(number.before, 6),
+        decimal_or_dash(number.value, 6),
+        sigma,
+        cm_or_dash(number.effect_m),
+        if correlations.is_empty() { "none".to_owned() } else { correlations.join(", ") },
+    ]
 }
