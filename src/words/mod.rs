@@ -2,6 +2,10 @@
 //! its sentence (`Display`) and, for programs, its code and its numbers ([`Coded`]).
 //!
 //! A sentence may be reworded at any time; a code stays.
+//!
+//! To say something new: a variant with its numbers in the enum of the room that finds it (`InitialWarning`,
+//! `NetworkWarning`, `AdjustmentWarning`, `VerdictReason`, ...), its sentence and its code here. The compiler names
+//! the places, and `report.json`, the page and the terminal have it.
 
 mod adjustment;
 mod directions;
