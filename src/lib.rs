@@ -41,4 +41,6 @@ pub mod words;
 pub mod report;
 pub mod scene;
 
+pub mod page;
+
 pub mod cli;

@@ -75,7 +75,6 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "tables",
             "words",
             "study",
-            "simulate",
             "diagnose",
             "evaluate",
             "refine",
@@ -89,8 +88,17 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
     (9, "scene", &["diagnose", "evaluate", "refine", "files", "estimate", "problem", "geometry"]),
     (
         10,
+        "page",
+        &[
+            "report", "words", "study", "simulate", "diagnose", "evaluate", "cloud", "files", "problem",
+           
+        ],
+    ),
+    (
+        11,
         "cli",
         &[
+            "page",
             "diagnose",
             "evaluate",
             "files",
@@ -142,13 +150,13 @@ const DOORS: &[(&str, &[&str])] = &[
     ("kiddo", &["cloud"]),
     ("rstar", &["cloud"]),
     ("csv", &["tables", "report"]),
-    ("serde", &["tables", "files", "reference", "report"]),
-    ("serde_json", &["files", "report"]),
+    ("serde", &["tables", "files", "reference", "report", "page"]),
+    ("serde_json", &["files", "report", "page"]),
     ("schemars", &["report"]),
     ("sha2", &["files"]),
     ("zip", &["report"]),
-    ("plotters", &["report"]),
-    ("minijinja", &["report"]),
+    ("plotters", &["page"]),
+    ("minijinja", &["page"]),
     ("toml", &["files", "reference", "simulate"]),
     ("chrono", &["reference"]),
     ("geodesy", &["reference"]),

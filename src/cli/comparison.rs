@@ -2,9 +2,10 @@
 
 use crate::evaluate::{EvaluateOptions, Evaluation, VehicleEvaluation, evaluate, evaluate_shapes};
 use crate::files::{InputFile, ResultPoint, ResultTracks, read_points, read_report, read_tracks};
+use crate::page::changed_inputs;
 use crate::problem::{Frame, Problem, Receiver};
 use crate::reference::{Reference, TrueShape, read_true_shapes};
-use crate::report::{Report, changed_inputs};
+use crate::report::Report;
 use crate::tables::Findings;
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};

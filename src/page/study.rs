@@ -4,7 +4,7 @@ use super::content::{Block, Grid, GridCell, GridRow, Headline, Section, Table};
 use super::figure::{Figure, Layer, colour};
 use super::{Told, render};
 use crate::diagnose::Quantity;
-use crate::report::study::StudyReport;
+use crate::report::StudyReport;
 use crate::study::plan::Choice;
 use crate::study::summary::{Row, effects, name, rows, without_result};
 use crate::study::{Cell, Study, told};

@@ -4,8 +4,7 @@
 use super::content::{Block, Section, Table};
 use crate::files::InputFile;
 use crate::problem::Problem;
-use crate::report::Report;
-use crate::report::diagnosis::{ParameterReport, ScaleReport, Sigma};
+use crate::report::{ParameterReport, Report, ScaleReport, Sigma};
 use crate::words::format::{DASH, cm_or_dash, decimal, decimal_or_dash, percent_of, whole_or_dash};
 
 fn or_dash(text: &str) -> String {
