@@ -89,10 +89,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
     (
         10,
         "page",
-        &[
-            "report", "words", "study", "simulate", "diagnose", "evaluate", "cloud", "files", "problem",
-           
-        ],
+        &["report", "words", "study", "simulate", "diagnose", "evaluate", "cloud", "files", "problem"],
     ),
     (
         11,
