@@ -39,8 +39,11 @@ pub mod evaluate;
 pub mod simulate;
 
 pub mod study;
+pub mod words;
 
 pub mod report;
 pub mod scene;
+
+pub mod page;
 
 pub mod cli;

@@ -320,7 +320,7 @@ fn keys(value: &serde_json::Value, found: &mut std::collections::BTreeSet<String
 }
 
 #[test]
-fn every_key_of_the_report_is_in_the_documents_and_the_other_way_round() {
+fn every_key_of_the_report_is_in_the_schema_and_every_word_of_the_documents_is_a_key() {
     let folder = tempfile::tempdir().unwrap();
     let (problem, out) = (folder.path().join("problem"), folder.path().join("out"));
     // With targets of all roles, and without camera poses.
@@ -332,20 +332,25 @@ fn every_key_of_the_report_is_in_the_documents_and_the_other_way_round() {
     support::drive::Drive { frames: 45, motion: [0.0, 0.0], ..Default::default() }.write(&standing);
     let flight = support::moving::Flight { frames: 45, points: 40, targets: 20, ..support::moving::FULL };
     support::moving::write(&flight.draw(1).0, &moving, "[gnss]\nclock_offset_s = 0.0\n");
-    let mut found = std::collections::BTreeSet::new();
+    let (mut found, mut first) = (std::collections::BTreeSet::new(), std::collections::BTreeSet::new());
     for problem in [&problem, &standing, &moving] {
         program().arg("refine").arg(problem).arg("--no-rrd").arg("--out").arg(&out).assert().success();
         let text = std::fs::read_to_string(out.join("report.json")).unwrap();
         let report: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(report["schema"], 1);
         keys(&report, &mut found);
+        first.extend(report.as_object().unwrap().keys().cloned());
     }
     let documents = std::fs::read_to_string(support::in_package("docs/formats.md")).unwrap();
     let start = documents.find("### `report.json`").unwrap();
     let section = &documents[start..start + documents[start..].find("## Exit codes").unwrap()];
     let documented: std::collections::BTreeSet<&str> =
         section.split('`').skip(1).step_by(2).filter(|word| !word.contains('"')).collect();
+    let schema = std::fs::read_to_string(support::in_package("docs/report.schema.json")).unwrap();
     for key in &found {
+        assert!(schema.contains(&format!("\"{key}\": {{")), "{key} is not in docs/report.schema.json");
+    }
+    for key in &first {
         assert!(documented.contains(key.as_str()), "{key} is not in docs/formats.md");
     }
     // Values, reasons and words of which there may be none.

@@ -5,7 +5,7 @@ mod support;
 use nalgebra::{DMatrix, DVector};
 use support::drawn::Film;
 use support::drive::Drive;
-use trackbundle::diagnose::{Diagnosis, Trust, Verdict, diagnose};
+use trackbundle::diagnose::{Diagnosis, Trust, Verdict, VerdictReason, diagnose};
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::Problem;
@@ -219,7 +219,9 @@ fn without_any_height_the_scale_is_not_determined() {
     assert!(diagnosis.scales[0].sigma.is_infinite(), "{:?}", diagnosis.scales[0]);
     let verdict = Verdict::new(&problem, &adjusted.adjustment, &diagnosis);
     assert_eq!(verdict.trust, Trust::No);
-    assert!(verdict.reasons.iter().any(|reason| reason.contains("nothing determines the scale of car0")));
+    let open = VerdictReason::ScaleOpen { vehicle: "car0".to_owned() };
+    assert!(verdict.findings.contains(&open), "{:?}", verdict.findings);
+    assert_eq!(open.to_string(), "nothing determines the scale of car0");
     // Along the rays nothing is known; the heading, and the cameras, are.
     for track in diagnosis.precision.tracks[0].iter().flatten() {
         assert!(track.position_m[2].is_infinite());

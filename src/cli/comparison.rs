@@ -1,12 +1,11 @@
 //! A result folder held against the references of its problem: what `evaluate` does, and `refine` at its end.
 
 use crate::evaluate::{EvaluateOptions, Evaluation, VehicleEvaluation, evaluate, evaluate_shapes};
-use crate::files::{
-    InputFile, ResultPoint, ResultReport, ResultTracks, read_points, read_report, read_tracks,
-};
+use crate::files::{InputFile, ResultPoint, ResultTracks, read_points, read_report, read_tracks};
+use crate::page::changed_inputs;
 use crate::problem::{Frame, Problem, Receiver};
 use crate::reference::{Reference, TrueShape, read_true_shapes};
-use crate::report::changed_inputs;
+use crate::report::Report;
 use crate::tables::Findings;
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
@@ -21,7 +20,7 @@ pub struct ToCompare {
     /// Its shapes.
     pub shapes: Vec<(String, Vec<ResultPoint>)>,
     truths: Vec<(String, TrueShape)>,
-    report: ResultReport,
+    report: Report,
     inputs: Vec<InputFile>,
 }
 
@@ -30,7 +29,7 @@ pub struct Compared {
     /// The tracks of the result.
     pub tracks: ResultTracks,
     /// The report of the adjustment.
-    pub report: ResultReport,
+    pub report: Report,
     /// The files of the problem as they are now.
     pub inputs: Vec<InputFile>,
     /// The comparison itself.
@@ -70,7 +69,7 @@ impl ToCompare {
         let tracks = read_tracks(result_folder, vehicles, frames);
         let mut of_result = Findings::default();
         let shapes = read_points(result_folder, vehicles, &mut of_result);
-        let report = read_report(result_folder, &mut of_result).unwrap_or_default();
+        let report: Report = read_report(result_folder, &mut of_result).unwrap_or_default();
         if of_problem.is_invalid() {
             invalid.push((problem_folder.to_owned(), of_problem));
         }

@@ -3,9 +3,10 @@
 use super::Failure;
 use super::comparison::Compared;
 use crate::files::{RESIDUALS, START_RESIDUALS, read_residuals};
+use crate::page::{PageInput, page};
 use crate::problem::Problem;
 use crate::report::folder::{Holds, Staged};
-use crate::report::{File, PageInput, distance_clouds, exports, page};
+use crate::report::{File, distance_clouds, exports};
 use crate::tables::Findings;
 use std::path::{Path, PathBuf};
 

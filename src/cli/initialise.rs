@@ -11,6 +11,7 @@ use crate::report::{
     Report, left_out, report_of_initial, result_tables, start_residuals_table, targets_table,
 };
 use crate::scene;
+use crate::words::Warning;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -60,10 +61,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut report = report_of_initial(&problem, &initial, left_out(&problem, &initial.estimate));
     let open = observability(&problem, &initial.estimate);
     report.add_observability(&open);
-    report.warnings.splice(0..0, warnings);
+    let warnings: Vec<Warning> = warnings.into_iter().map(Warning::Input).collect();
+    report.warn_before(&warnings);
     report.add_origin(command_told(&arguments.problem), &inputs);
-    report.seconds.insert("read", read_s);
-    report.seconds.insert("initialise", begin.elapsed().as_secs_f64());
+    report.add_seconds("read", read_s);
+    report.add_seconds("initialise", begin.elapsed().as_secs_f64());
     let mut tables = result_tables(&problem, &initial.estimate, &fits, None);
     tables.push(targets_table(&problem, &initial.estimate, &fits, &[], None));
     tables.push(start_residuals_table(&problem, &fits));

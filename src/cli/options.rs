@@ -8,7 +8,9 @@ use crate::reference::{self, Reference};
 use crate::refine::{MotionPrior, Order, Strengths};
 use crate::report::folder::{Holds, Staged, check_place, whole_file};
 use crate::report::{File, Report};
+use crate::words::Warning;
 use clap::Args;
+use std::fmt::Display;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -163,9 +165,9 @@ impl OutputOptions {
         let recorded = scene.as_ref().filter(|_| !self.no_rrd && self.rrd.is_none());
         if let Some(scene) = recorded {
             saved = save(std::slice::from_ref(scene), Layout::Overview, &recording);
-            report.seconds.insert("recording", begin.elapsed().as_secs_f64());
+            report.add_seconds("recording", begin.elapsed().as_secs_f64());
         } else if scene.is_none() && !self.no_rrd {
-            report.warnings.push("no recording was written: this build has no Rerun".to_owned());
+            report.warn(&Warning::NoRecorder);
         }
         let write_report = |report: &Report| -> Result<String, String> {
             let json = report.to_json();
@@ -177,7 +179,7 @@ impl OutputOptions {
         if let (Err(why), Some(_)) = (&json, recorded) {
             // Half of a recording is of no use.
             let _ = std::fs::remove_file(&recording);
-            report.warnings.push(format!("session.rrd is missing: {why}"));
+            report.warn(&Warning::NoRecording { why: why.clone() });
             unrecorded = Some(format!("session.rrd: {why}"));
             json = write_report(report);
         }
@@ -193,7 +195,7 @@ impl OutputOptions {
     }
 
     /// Prints warnings, unless the user wants quiet.
-    pub fn warn(&self, warnings: &[String]) {
+    pub fn warn<W: Display>(&self, warnings: &[W]) {
         if !self.quiet {
             warn_all(warnings);
         }

@@ -3,7 +3,10 @@
 use super::Failure;
 use crate::initialise::Resection;
 use crate::refine::Progress;
+use crate::words::format;
+pub use crate::words::format::counted;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal, Write};
 use trackbundle_solver::minimise::IterationRecord;
 
@@ -19,7 +22,7 @@ pub fn print(text: &str) -> Result<(), Failure> {
 }
 
 /// Prints warnings to standard error.
-pub fn warn_all(warnings: &[String]) {
+pub fn warn_all<W: Display>(warnings: &[W]) {
     for warning in warnings {
         eprintln!("warning: {warning}");
     }
@@ -118,7 +121,7 @@ impl Drop for Clearing {
 
 /// A number with its thousands set apart.
 pub fn grouped(number: impl ToString) -> String {
-    crate::report::grouped(number, ',')
+    format::grouped(number, ',')
 }
 
 /// How camera poses were found, in a line; nothing where all were given.
@@ -134,11 +137,6 @@ pub fn describe_resection(resection: Option<&Resection>) -> String {
         quality.median_sigma_attitude_rad.to_degrees(),
         counted(quality.gross_errors, "gross error")
     )
-}
-
-/// `count` and a word, which gets an s where there is not just one.
-pub fn counted(count: usize, word: &str) -> String {
-    format!("{} {word}{}", grouped(count), if count == 1 { "" } else { "s" })
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::evaluation_folder::{self, Evaluated};
 use super::options::{
     Opened, OutputOptions, command_told, default_result_folder, motion_prior, positive, shape,
 };
-use super::output::{counted, describe_resection, grouped, print, progress};
+use super::output::{describe_resection, print, progress};
 use super::session::Session;
 use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
 use crate::evaluate::EvaluateOptions;
@@ -16,8 +16,7 @@ use crate::initialise::{Method, initialise};
 use crate::problem::Problem;
 use crate::reference::Reference;
 use crate::refine::{
-    Adjusted, Adjustment, Arrangement, Fits, MotionPrior, MotionPriors, Progress, RefineOptions,
-    RejectionReason, adjust,
+    Adjusted, Arrangement, Fits, MotionPrior, MotionPriors, Progress, RefineOptions, adjust,
 };
 use crate::report::folder::{Holds, check_place};
 use crate::report::{
@@ -25,6 +24,7 @@ use crate::report::{
     start_residuals_table, states_table, targets_table,
 };
 use crate::scene;
+use crate::words::{NoSigmas, Warning};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -146,7 +146,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Adjusted { estimate, adjustment, .. } = &adjusted;
     output.warn(&adjustment.warnings);
     if let Err(missing) = &diagnosis {
-        output.warn(std::slice::from_ref(missing));
+        output.warn(&[*missing]);
     }
     let diagnosis = diagnosis.ok();
     let mut report = report_of_adjustment(&problem, adjustment, left_out(&problem, estimate));
@@ -155,12 +155,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         report.add_diagnosis(&problem, diagnosis, verdict);
     }
     report.resection = resection_report(&problem, initial.resection.as_ref());
-    report.warnings.splice(0..0, warnings.into_iter().chain(initial.warnings.iter().cloned()));
+    let from_before = warnings.into_iter().map(Warning::Input);
+    let from_before = from_before.chain(initial.warnings.iter().cloned().map(Warning::Initial));
+    report.warn_before(&from_before.collect::<Vec<_>>());
     report.add_origin(command_told(&arguments.problem), &inputs);
-    report.seconds.insert("read", read_s);
-    report.seconds.insert("initialise", initialise_s);
-    report.seconds.insert("refine", refine_s);
-    report.seconds.insert("diagnose", diagnose_s);
+    report.add_seconds("read", read_s);
+    report.add_seconds("initialise", initialise_s);
+    report.add_seconds("refine", refine_s);
+    report.add_seconds("diagnose", diagnose_s);
 
     let precision = diagnosis.as_ref().map(|d| &d.precision);
     let mut tables = result_tables(&problem, estimate, &adjustment.fits, precision);
@@ -187,7 +189,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = &written.folder;
     if !output.json && !output.quiet {
         print(&describe_resection(initial.resection.as_ref()))?;
-        print(&summary(adjustment, &report, verdict.as_ref()))?;
+        print(&report.facts().summary(&adjustment.fits.tally, verdict.as_ref()))?;
         print(&format!("result      {}\n", folder.display()))?;
     }
     let referenced =
@@ -257,74 +259,10 @@ fn diagnosed(
     problem: &Problem,
     adjusted: &mut Adjusted,
     states_hz: Option<f64>,
-) -> Result<Diagnosis, String> {
-    let without = |why: String| format!("no standard deviations: {why}");
+) -> Result<Diagnosis, NoSigmas> {
     match diagnose_with_states(problem, adjusted, states_hz) {
         Some(Ok(diagnosis)) => Ok(diagnosis),
-        Some(Err(error)) => Err(without(error.to_string())),
-        None => Err(without("there is no final least squares".to_owned())),
+        Some(Err(error)) => Err(NoSigmas::NoCovariance(error)),
+        None => Err(NoSigmas::NoLeastSquares),
     }
-}
-
-/// The result in a few lines.
-fn summary(adjustment: &Adjustment, report: &Report, verdict: Option<&Verdict>) -> String {
-    let number =
-        |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
-    let mut text = format!(
-        "adjusted    {} after {} ({})\n",
-        report.status.replace('_', " "),
-        counted(report.iterations, "iteration"),
-        report.stop
-    );
-    text += &format!("cost        {:.6e} to {:.6e}\n", adjustment.initial_cost, adjustment.final_cost);
-    text += &format!(
-        "sigma0      {} from {} and {}, redundancy {}\n",
-        number(report.sigma0, 4),
-        counted(report.observations, "row"),
-        counted(report.parameters, "parameter"),
-        grouped(report.redundancy)
-    );
-    text += &format!(
-        "residuals   rms {} px (vehicles {}, targets {}), {}\n",
-        number(report.rms_px, 2),
-        number(report.rms_vehicle_px, 2),
-        number(report.rms_target_px, 2),
-        counted(report.outliers, "gross error")
-    );
-    let tally = &adjustment.fits.tally;
-    if tally.gross() > 0 {
-        text += &format!(
-            "rejected    {} by itself, {} with the track, {} with the frame; {} of {} used, {} of these with less than half the weight\n",
-            grouped(tally.of(RejectionReason::ImagePoint)),
-            grouped(tally.of(RejectionReason::Track)),
-            grouped(tally.of(RejectionReason::Frame)),
-            grouped(tally.used + tally.down_weighted),
-            counted(tally.all(), "image point"),
-            grouped(tally.down_weighted)
-        );
-    }
-    for motion in &report.motion {
-        let (power, linear, angular) = motion.strength();
-        text += &format!(
-            "motion      of {}: {} {:.3} m/s^{power}, {:.3} deg/s^{power} over one second{}\n",
-            motion.body,
-            motion.white_noise,
-            linear,
-            angular,
-            if motion.estimated { " (estimated)" } else { "" }
-        );
-    }
-    for check in &report.check_points {
-        text += &format!(
-            "check       {}: {} {} {} m\n",
-            check.target,
-            number(check.dx, 3),
-            number(check.dy, 3),
-            number(check.dz, 3)
-        );
-    }
-    for (word, line) in verdict.iter().flat_map(|verdict| verdict.lines()) {
-        text += &format!("{word:12}{line}\n");
-    }
-    text
 }

@@ -4,6 +4,7 @@ use super::Failure;
 use super::options::{command_told, set_threads};
 use super::output::{counted, print, steps};
 use super::simulate::invalid;
+use crate::page::study_page;
 use crate::report::folder::{Holds, Staged, check_place};
 use crate::report::{StudyReport, plan_table, study_files};
 use crate::study::plan::plan;
@@ -95,7 +96,7 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
     };
     let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
     let staged = Staged::begin(&arguments.out, Holds::Study)?;
-    for file in study_files(&report) {
+    for file in study_files(&report, study_page(&report)) {
         staged.write(&file).map_err(failed)?;
     }
     let folder = staged.publish().map_err(failed)?;

@@ -107,7 +107,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut start = scene::start(&problem, &initial.estimate);
     start.film = scene::film(&problem);
     start.residual_factor = Some(arguments.residual_factor);
-    start.warnings.extend(warnings.iter().chain(&initial.warnings).cloned());
+    start.warnings.extend(warnings);
+    start.warnings.extend(initial.warnings.iter().map(ToString::to_string));
     let shared = Shared {
         folder: &arguments.problem,
         problem: &problem,

@@ -22,7 +22,7 @@ pub use parameters::Parameter;
 pub use precision::{PosePrecision, Precision, StatePrecision, TrackPrecision};
 pub use scale::{CommonError, Scale};
 pub use statistics::{Component, Reliability, Statistics, VarianceTest};
-pub use verdict::{Trust, Verdict};
+pub use verdict::{Trust, Verdict, VerdictFact, VerdictReason};
 
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::problem::{Problem, Vehicle};
@@ -220,7 +220,39 @@ fn standstills(problem: &Problem, estimate: &Estimate, precision: &Precision) ->
     problem.vehicles.iter().zip(estimate.vehicles.iter().zip(&precision.tracks)).map(of_vehicle).collect()
 }
 
-/// A source in the user's words.
-pub fn source_name(source: Source) -> &'static str {
-    source.traits().name
+/// The name of a source in files: a key of `report.json`, a value in `cells.csv`. It stays as it is whatever a
+/// source is called in a sentence.
+pub fn source_key(source: Source) -> &'static str {
+    source.traits().key
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sources_are_called_in_files_as_ever() {
+        use Source::*;
+        let all = [
+            (VehicleImages, "image points of vehicles"),
+            (TargetImages, "image points of targets"),
+            (Survey, "survey of targets"),
+            (Terrain, "terrain contact"),
+            (KnownHeight, "known height"),
+            (KnownPoint, "known points"),
+            (Calibration, "known interior orientation"),
+            (Readout, "known readout time"),
+            (Gnss, "GNSS positions"),
+            (GnssKnowledge, "knowledge of GNSS receivers"),
+            (CameraPoses, "given camera poses"),
+            (CameraMotion, "motion of the camera"),
+            (VehicleMotion, "motion of vehicles"),
+            (Driving, "rolling of rear axles"),
+            (Frame, "frame of the body"),
+            (Convention, "conventions"),
+        ];
+        for (source, key) in all {
+            assert_eq!(source_key(source), key);
+        }
+    }
 }

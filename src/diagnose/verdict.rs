@@ -1,11 +1,14 @@
-//! Whether a result can be trusted, and why, in some ten lines.
+//! Whether a result can be trusted, and why, as data.
+//!
+//! A new reason is a variant of [`VerdictReason`] with its numbers, its line in [`VerdictReason::trust`], and its
+//! sentence and code in the room `words`; the compiler names all three places.
 
 use super::observability::{Class, Observability};
-use super::{Diagnosis, Source, source_name};
+use super::{Diagnosis, Parameter, Source, VarianceTest};
 use crate::problem::Problem;
-use crate::refine::Adjustment;
-use crate::stats::normal::TWO_SIDED_99_9;
+use crate::refine::{Adjustment, CRITICAL, DirectedTest};
 use crate::stats::quantile::upper_median;
+use trackbundle_solver::minimise::Stop;
 
 /// A scale that is held less well than this is said so, relative.
 const WEAK_SCALE: f64 = 0.02;
@@ -15,10 +18,10 @@ const WORTH_A_WORD: f64 = 0.05;
 const IMPROBABLE: f64 = 0.001;
 /// By what the scatter of image points may differ from their stated standard deviations without a word.
 const OTHER_SCATTER: f64 = 1.1;
-/// The most directions that are named.
-const MOST_NAMES: usize = 4;
 /// A share of gross errors that calls for a look.
 const MANY_GROSS: f64 = 0.3;
+/// A source that holds a scale: without it the standard deviation is larger by more than this factor.
+const HOLDS: f64 = 2.0;
 
 /// How far a result can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -32,7 +35,7 @@ pub enum Trust {
 }
 
 impl Trust {
-    /// In a word or two.
+    /// Its name in files and for people.
     pub fn name(self) -> &'static str {
         match self {
             Trust::Yes => "yes",
@@ -42,115 +45,262 @@ impl Trust {
     }
 }
 
-/// A verdict and its reasons.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// What speaks against more trust. Vehicles and check points are told by their ids.
+#[derive(Clone, Debug, PartialEq)]
+pub enum VerdictReason {
+    /// The adjustment has not converged.
+    NotConverged {
+        /// Why it stopped.
+        stop: Stop,
+    },
+    /// More or fewer directions are open than theory says.
+    DefectUnexpected {
+        /// How many are.
+        found: usize,
+        /// How many should be.
+        expected: usize,
+    },
+    /// Nothing determines the scale of a vehicle.
+    ScaleOpen {
+        /// The vehicle.
+        vehicle: String,
+    },
+    /// The scale of a vehicle is hardly held.
+    ScaleWeak {
+        /// The vehicle.
+        vehicle: String,
+        /// Its relative standard deviation.
+        sigma: f64,
+        /// What it was held against.
+        limit: f64,
+    },
+    /// Only the motion prior holds the scale of a vehicle.
+    ScaleByMotionAlone {
+        /// The vehicle.
+        vehicle: String,
+    },
+    /// Image points scatter more than stated.
+    ImagesScatter {
+        /// Which.
+        source: Source,
+        /// By what factor.
+        factor: f64,
+        /// What it was held against.
+        limit: f64,
+    },
+    /// Many image points are gross errors.
+    ManyGross {
+        /// How many.
+        gross: usize,
+        /// Of how many.
+        of: usize,
+        /// What their share was held against.
+        limit: f64,
+    },
+    /// Check points are off by more than their standard deviations allow.
+    CheckPointsDisagree {
+        /// Which.
+        points: Vec<String>,
+        /// The least probability of such a difference.
+        probability: f64,
+        /// What it was held against.
+        limit: f64,
+    },
+    /// The observations contradict what a number is held at.
+    HeldNumberContradicted {
+        /// The test.
+        test: DirectedTest,
+        /// What its statistic was held against.
+        limit: f64,
+    },
+}
+
+impl VerdictReason {
+    /// How far a result can be trusted for which this holds, at the most.
+    pub fn trust(&self) -> Trust {
+        match self {
+            VerdictReason::NotConverged { .. } | VerdictReason::ScaleOpen { .. } => Trust::No,
+            VerdictReason::DefectUnexpected { .. }
+            | VerdictReason::ScaleWeak { .. }
+            | VerdictReason::ScaleByMotionAlone { .. }
+            | VerdictReason::ImagesScatter { .. }
+            | VerdictReason::ManyGross { .. }
+            | VerdictReason::CheckPointsDisagree { .. }
+            | VerdictReason::HeldNumberContradicted { .. } => Trust::WithCare,
+        }
+    }
+}
+
+/// What a verdict rests on. Vehicles and check points are told by their ids.
+#[derive(Clone, Debug, PartialEq)]
+pub enum VerdictFact {
+    /// What is determined, and what is not.
+    Datum {
+        /// Combinations of unknowns that are determined.
+        rank: usize,
+        /// Unknowns.
+        unknowns: usize,
+        /// Names of open directions.
+        open: Vec<String>,
+        /// Names of weak directions.
+        weak: Vec<String>,
+    },
+    /// The scale of a vehicle is not determined.
+    ScaleOpen {
+        /// The vehicle.
+        vehicle: String,
+    },
+    /// The scale of a vehicle, and what holds it.
+    Scale {
+        /// The vehicle.
+        vehicle: String,
+        /// Its relative standard deviation.
+        sigma: f64,
+        /// Sources without any one of which it were much larger.
+        held_by: Vec<Source>,
+        /// Whether poses are given and exact.
+        has_exact_poses: bool,
+        /// What knowledge contributes to its variance, the largest share first.
+        shares: Vec<(Source, f64)>,
+    },
+    /// How well places are determined.
+    Sigmas {
+        /// The vehicle.
+        vehicle: String,
+        /// Whether of the places of its track or of the points of its shape.
+        is_track: bool,
+        /// Median standard deviations of x, y, z \[m\].
+        median_m: [f64; 3],
+        /// Places that are not determined ...
+        open: usize,
+        /// ... of how many.
+        of: usize,
+    },
+    /// The test of sigma0.
+    VarianceTest {
+        /// The test.
+        test: VarianceTest,
+        /// Sources that scatter otherwise than stated, and by what factor.
+        other: Vec<(Source, f64)>,
+    },
+    /// How well gross errors of image points are found.
+    Reliability {
+        /// Median of what is found \[px\].
+        detectable_px: f64,
+        /// By how many standard deviations the worst moves a result that is not found.
+        worst_sigmas: f64,
+    },
+    /// How well check points agree.
+    CheckPoints {
+        /// How many were intersected.
+        points: usize,
+        /// Root mean square of their distances \[m\].
+        rms_m: f64,
+        /// Those that are off by more than their standard deviations allow.
+        improbable: Vec<String>,
+    },
+    /// A vehicle stands.
+    Standing {
+        /// The vehicle.
+        vehicle: String,
+        /// From when to when \[s\].
+        times_s: Vec<[f64; 2]>,
+    },
+    /// A number that is adjusted beside poses and points.
+    Estimated(Parameter),
+    /// Nothing ties the video to other clocks.
+    ClockOpen,
+    /// Standard deviations are upper bounds.
+    UpperBounds,
+}
+
+/// A verdict, and what it is from.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
-    /// How far.
+    /// How far the result can be trusted: as far as every finding allows.
     pub trust: Trust,
     /// What speaks against more.
-    pub reasons: Vec<String>,
-    /// What it rests on: a word each, and what is to be said of it.
-    pub facts: Vec<(&'static str, String)>,
+    pub findings: Vec<VerdictReason>,
+    /// What it rests on.
+    pub facts: Vec<VerdictFact>,
 }
 
 impl Verdict {
     /// The verdict of a diagnosis.
     pub fn new(problem: &Problem, adjustment: &Adjustment, diagnosis: &Diagnosis) -> Verdict {
-        let mut verdict = Verdict { trust: Trust::Yes, reasons: Vec::new(), facts: Vec::new() };
+        let mut verdict = Verdict { trust: Trust::Yes, findings: Vec::new(), facts: Vec::new() };
         if !adjustment.stop.converged() {
-            verdict.lower(Trust::No, format!("the adjustment has not converged: {}", adjustment.stop));
+            verdict.find(VerdictReason::NotConverged { stop: adjustment.stop });
         }
         if let Some(found) = &diagnosis.observability {
             verdict.add_datum(found);
         }
         verdict.add_scales(problem, diagnosis);
         verdict.add_precision(problem, diagnosis);
+        verdict.add_variances(diagnosis);
         verdict.add_images(adjustment, diagnosis);
         verdict.add_check_points(adjustment, diagnosis);
         verdict.add_parameters(problem, adjustment, diagnosis);
         if diagnosis.is_upper_bound {
-            let text = "standard deviations are upper bounds: vehicles were judged one by one".to_owned();
-            verdict.facts.push(("sigmas", text));
+            verdict.facts.push(VerdictFact::UpperBounds);
         }
         verdict
     }
 
-    fn lower(&mut self, to: Trust, reason: String) {
-        self.trust = self.trust.max(to);
-        self.reasons.push(reason);
+    /// Adds a reason, and lowers the trust to what it allows.
+    pub fn find(&mut self, reason: VerdictReason) {
+        self.trust = self.trust.max(reason.trust());
+        self.findings.push(reason);
     }
 
     fn add_datum(&mut self, found: &Observability) {
         let named = |class: Class| {
-            let names: Vec<&str> =
-                found.directions.iter().filter(|d| d.class == class).map(|d| d.name.as_str()).collect();
-            match names.len() {
-                0 => String::new(),
-                n if n > MOST_NAMES => {
-                    format!("{} and {} more", names[..MOST_NAMES].join(" / "), n - MOST_NAMES)
-                }
-                _ => names.join(" / "),
-            }
+            found.directions.iter().filter(|d| d.class == class).map(|d| d.name.clone()).collect()
         };
-        let mut text = format!("{} of {} unknowns determined", found.rank, found.unknowns);
-        for (class, word) in [(Class::Null, "open"), (Class::Weak, "weak (ratio below 1e-3)")] {
-            let names = named(class);
-            if !names.is_empty() {
-                text += &format!("; {word}: {names}");
-            }
-        }
-        self.facts.push(("datum", text));
+        self.facts.push(VerdictFact::Datum {
+            rank: found.rank,
+            unknowns: found.unknowns,
+            open: named(Class::Null),
+            weak: named(Class::Weak),
+        });
         if found.defect != found.expected_defect {
-            self.lower(
-                Trust::WithCare,
-                format!("{} directions are open where theory has {}", found.defect, found.expected_defect),
-            );
+            let (found, expected) = (found.defect, found.expected_defect);
+            self.find(VerdictReason::DefectUnexpected { found, expected });
         }
     }
 
     fn add_scales(&mut self, problem: &Problem, diagnosis: &Diagnosis) {
         for scale in &diagnosis.scales {
-            let id = &problem.vehicles[scale.vehicle].id;
+            let vehicle = || problem.vehicles[scale.vehicle].id.clone();
             if scale.sigma.is_infinite() {
-                self.lower(Trust::No, format!("nothing determines the scale of {id}"));
-                let text =
-                    format!("of {id}: not determined; size, height and track share one unknown factor");
-                self.facts.push(("scale", text));
+                self.find(VerdictReason::ScaleOpen { vehicle: vehicle() });
+                self.facts.push(VerdictFact::ScaleOpen { vehicle: vehicle() });
                 continue;
             }
             if scale.sigma > WEAK_SCALE {
-                let text = format!("the scale of {id} is held to {} only", percent(scale.sigma));
-                self.lower(Trust::WithCare, text);
+                let (sigma, limit) = (scale.sigma, WEAK_SCALE);
+                self.find(VerdictReason::ScaleWeak { vehicle: vehicle(), sigma, limit });
             }
-            let knowledge = |source: &Source| {
+            let needs =
+                |(_, without): &&(Source, f64)| without.is_infinite() || *without > HOLDS * scale.sigma;
+            let held_by: Vec<Source> =
+                scale.without.iter().filter(needs).map(|(source, _)| *source).collect();
+            let is_knowledge = |source: &Source| {
                 !matches!(source, Source::VehicleImages | Source::TargetImages | Source::Frame)
             };
-            let needed: Vec<&'static str> = scale
-                .without
-                .iter()
-                .filter(|(_, without)| without.is_infinite() || *without > 2.0 * scale.sigma)
-                .map(|(source, _)| source_name(*source))
-                .collect();
-            let mut shares: Vec<(Source, f64)> =
-                scale.shares.iter().copied().filter(|(source, _)| knowledge(source)).collect();
+            let is_told = |(source, share): &(Source, f64)| is_knowledge(source) && *share >= WORTH_A_WORD;
+            let mut shares: Vec<(Source, f64)> = scale.shares.iter().copied().filter(is_told).collect();
             shares.sort_by(|a, b| b.1.total_cmp(&a.1));
-            let shares: Vec<String> = shares
-                .iter()
-                .filter(|(_, share)| *share >= WORTH_A_WORD)
-                .map(|(source, share)| format!("{} {}", percent(*share), source_name(*source)))
-                .collect();
-            let mut text = format!("of {id}: sigma {}", percent(scale.sigma));
-            if !needed.is_empty() {
-                text += &format!(", held by {}", needed.join(" and "));
-            } else if problem.vehicle_pose_sigma.position_m == Some(0.0) {
-                text += ", held by exact poses";
-            }
-            if !shares.is_empty() {
-                text += &format!("; of its variance {}", shares.join(", "));
-            }
-            self.facts.push(("scale", text));
-            if needed == [source_name(Source::VehicleMotion)] {
-                self.lower(Trust::WithCare, format!("only the motion prior holds the scale of {id}"));
+            let by_motion_alone = held_by == [Source::VehicleMotion];
+            self.facts.push(VerdictFact::Scale {
+                vehicle: vehicle(),
+                sigma: scale.sigma,
+                held_by,
+                has_exact_poses: problem.vehicle_pose_sigma.position_m == Some(0.0),
+                shares,
+            });
+            if by_motion_alone {
+                self.find(VerdictReason::ScaleByMotionAlone { vehicle: vehicle() });
             }
         }
     }
@@ -160,71 +310,49 @@ impl Verdict {
             let track: Vec<[f64; 3]> =
                 diagnosis.precision.tracks[at].iter().flatten().map(|p| p.position_m).collect();
             let points: Vec<[f64; 3]> = diagnosis.precision.points[at].iter().flatten().copied().collect();
-            for (name, sigmas) in [("track", &track), ("shape", &points)] {
+            for (is_track, sigmas) in [(true, &track), (false, &points)] {
                 if sigmas.is_empty() {
                     continue;
                 }
-                let medians = [0, 1, 2]
-                    .map(|axis| upper_median(sigmas.iter().map(|s| s[axis]).collect()).unwrap_or(f64::NAN));
-                let open = sigmas.iter().filter(|s| s.iter().any(|v| v.is_infinite())).count();
-                let mut text = format!(
-                    "of {}: median sigma x {}, y {}, z {}",
-                    vehicle.id,
-                    centimetres(medians[0]),
-                    centimetres(medians[1]),
-                    centimetres(medians[2])
-                );
-                if open > 0 {
-                    text += &format!("; not determined: {open} of {}", sigmas.len());
-                }
-                self.facts.push((name, text));
+                self.facts.push(VerdictFact::Sigmas {
+                    vehicle: vehicle.id.clone(),
+                    is_track,
+                    median_m: [0, 1, 2].map(|axis| {
+                        upper_median(sigmas.iter().map(|s| s[axis]).collect()).unwrap_or(f64::NAN)
+                    }),
+                    open: sigmas.iter().filter(|s| s.iter().any(|v| v.is_infinite())).count(),
+                    of: sigmas.len(),
+                });
+            }
+        }
+    }
+
+    fn add_variances(&mut self, diagnosis: &Diagnosis) {
+        let statistics = &diagnosis.statistics;
+        if let Some(test) = statistics.test {
+            let other = statistics.components.iter().filter_map(|c| {
+                let factor = c.sigma_factor()?;
+                let is_sure = (factor.ln() / c.relative_sigma()).abs() > CRITICAL;
+                (is_sure && factor.max(1.0 / factor) > OTHER_SCATTER).then_some((c.source, factor))
+            });
+            self.facts.push(VerdictFact::VarianceTest { test, other: other.collect() });
+        }
+        for component in &statistics.components {
+            let source = component.source;
+            let is_image = source.is_image();
+            let factor = component.sigma_factor().filter(|factor| is_image && *factor > OTHER_SCATTER);
+            if let Some(factor) = factor {
+                self.find(VerdictReason::ImagesScatter { source, factor, limit: OTHER_SCATTER });
             }
         }
     }
 
     fn add_images(&mut self, adjustment: &Adjustment, diagnosis: &Diagnosis) {
         let statistics = &diagnosis.statistics;
-        if let Some(test) = statistics.test {
-            let mut text = format!(
-                "sigma0^2 {:.3} from redundancy {:.0}; in 95 % of cases {:.3} to {:.3}",
-                test.variance, test.redundancy, test.interval[0], test.interval[1]
-            );
-            if test.variance < test.interval[0] {
-                text += " (below: less scatter than stated; standard deviations go by what was found)";
-            } else if test.variance > test.interval[1] {
-                text += " (above: more scatter than stated, or something is not modelled)";
-            }
-            let odd: Vec<String> = statistics
-                .components
-                .iter()
-                .filter_map(|c| {
-                    let factor = c.sigma_factor()?;
-                    let is_sure = (factor.ln() / c.relative_sigma()).abs() > TWO_SIDED_99_9;
-                    (is_sure && factor.max(1.0 / factor) > OTHER_SCATTER)
-                        .then(|| format!("{} scatter {factor:.2} times as stated", source_name(c.source)))
-                })
-                .collect();
-            if !odd.is_empty() {
-                text += &format!("; {}", odd.join(", "));
-            }
-            self.facts.push(("test", text));
-        }
-        for component in &statistics.components {
-            let is_image = matches!(component.source, Source::VehicleImages | Source::TargetImages);
-            if let Some(factor) =
-                component.sigma_factor().filter(|factor| is_image && *factor > OTHER_SCATTER)
-            {
-                let name = source_name(component.source);
-                self.lower(
-                    Trust::WithCare,
-                    format!("{name} scatter {factor:.2} times as much as stated: they were weighed by it"),
-                );
-            }
-        }
         let fits = &adjustment.fits;
-        let all: usize = fits.vehicles.iter().flatten().chain(&fits.targets).flatten().count();
-        if fits.outliers as f64 > MANY_GROSS * all as f64 {
-            self.lower(Trust::WithCare, format!("{} of {all} image points are gross errors", fits.outliers));
+        let of: usize = fits.vehicles.iter().flatten().chain(&fits.targets).flatten().count();
+        if fits.outliers as f64 > MANY_GROSS * of as f64 {
+            self.find(VerdictReason::ManyGross { gross: fits.outliers, of, limit: MANY_GROSS });
         }
         let detectable: Vec<f64> = statistics
             .vehicles
@@ -233,14 +361,10 @@ impl Verdict {
             .map(|vehicle| vehicle.minimal_detectable_px[0])
             .collect();
         if !detectable.is_empty() {
-            let worst = statistics.vehicles.iter().map(|v| v.external[1]).fold(0.0, f64::max);
-            self.facts.push((
-                "reliability",
-                format!(
-                    "errors of an image point from {:.1} px are found; the worst that is not found moves a result by {worst:.1} sigma",
-                    upper_median(detectable).unwrap_or(f64::NAN)
-                ),
-            ));
+            self.facts.push(VerdictFact::Reliability {
+                detectable_px: upper_median(detectable).unwrap_or(f64::NAN),
+                worst_sigmas: statistics.vehicles.iter().map(|v| v.external[1]).fold(0.0, f64::max),
+            });
         }
     }
 
@@ -251,99 +375,53 @@ impl Verdict {
         if differences.is_empty() {
             return;
         }
-        let rms_m = (differences.iter().sum::<f64>() / differences.len() as f64).sqrt();
-        let improbable: Vec<&str> = found
-            .iter()
-            .zip(&diagnosis.check_points)
-            .filter(|(_, p)| p.chi_square.is_some_and(|(_, probability)| probability < IMPROBABLE))
-            .map(|(check, _)| check.id.as_str())
-            .collect();
-        let mut text = format!("{} points, rms {}", differences.len(), centimetres(rms_m));
-        if !improbable.is_empty() {
-            text += &format!("; beyond what their sigmas allow: {}", improbable.join(", "));
-            self.lower(Trust::WithCare, format!("check points disagree: {}", improbable.join(", ")));
+        let (mut improbable, mut least) = (Vec::new(), 1.0_f64);
+        for (check, precision) in found.iter().zip(&diagnosis.check_points) {
+            let Some((_, probability)) = precision.chi_square.filter(|(_, p)| *p < IMPROBABLE) else {
+                continue;
+            };
+            improbable.push(check.id.clone());
+            least = least.min(probability);
         }
-        self.facts.push(("check", text));
+        if !improbable.is_empty() {
+            let (points, probability) = (improbable.clone(), least);
+            self.find(VerdictReason::CheckPointsDisagree { points, probability, limit: IMPROBABLE });
+        }
+        self.facts.push(VerdictFact::CheckPoints {
+            points: differences.len(),
+            rms_m: (differences.iter().sum::<f64>() / differences.len() as f64).sqrt(),
+            improbable,
+        });
     }
 
     fn add_parameters(&mut self, problem: &Problem, adjustment: &Adjustment, diagnosis: &Diagnosis) {
-        for (vehicle, found) in problem.vehicles.iter().zip(&diagnosis.standstill) {
-            if !found.is_empty() {
-                let times: Vec<String> =
-                    found.iter().map(|[from, to]| format!("{from:.1} to {to:.1} s")).collect();
-                self.facts.push(("standing", format!("{}: {}", vehicle.id, times.join(", "))));
+        for (vehicle, times_s) in problem.vehicles.iter().zip(&diagnosis.standstill) {
+            if !times_s.is_empty() {
+                let (vehicle, times_s) = (vehicle.id.clone(), times_s.clone());
+                self.facts.push(VerdictFact::Standing { vehicle, times_s });
             }
         }
-        for found in &diagnosis.parameters {
-            let name = found.full_name();
-            if !found.is_observable {
-                let kept = match found.sigma.is_infinite() {
-                    true => "the observations say nothing of it".to_owned(),
-                    false => format!("kept at {} +- {}", number(found.value), number(found.sigma)),
-                };
-                self.facts.push(("estimated", format!("{name}: not observable, {kept}")));
-                continue;
-            }
-            let mut text = format!("{name} {} +- {}", number(found.value), number(found.sigma));
-            if let Some(sigma) = found.sigma_before {
-                text += &format!(" (before {} +- {})", number(found.before), number(sigma));
-            }
-            text += &format!("; moves the track by {}", centimetres(found.effect_m));
-            for (other, r) in &found.correlated {
-                text += &format!("; correlated with {other}: {r:.3}");
-            }
-            self.facts.push(("estimated", text));
-        }
+        self.facts.extend(diagnosis.parameters.iter().cloned().map(VerdictFact::Estimated));
         if problem.shutter.is_rolling() && problem.receivers.is_empty() {
-            let text = "offset to other clocks: not observable, no GNSS positions are observations";
-            self.facts.push(("clock", text.to_owned()));
+            self.facts.push(VerdictFact::ClockOpen);
         }
         for test in adjustment.directed_tests.iter().filter(|test| test.is_rejected()) {
-            let of = test.of.as_ref().map_or(String::new(), |of| format!(" of {of}"));
-            self.lower(
-                Trust::WithCare,
-                format!(
-                    "{}{of} is held at {}, and the observations say {} +- {}: {:.1} sigma",
-                    test.name,
-                    number(test.held_at),
-                    number(test.estimate),
-                    number(test.sigma),
-                    test.statistic().abs()
-                ),
-            );
+            self.find(VerdictReason::HeldNumberContradicted { test: test.clone(), limit: CRITICAL });
         }
     }
+}
 
-    /// Line by line.
-    pub fn lines(&self) -> Vec<(&'static str, String)> {
-        let mut lines = vec![(
-            "trust",
-            match self.reasons.as_slice() {
-                [] => "yes, as far as the standard deviations say".to_owned(),
-                reasons => format!("{}: {}", self.trust.name(), reasons.join("; ")),
-            },
-        )];
-        lines.extend(self.facts.iter().cloned());
-        lines
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_finding_decides() {
+        let mut verdict = Verdict { trust: Trust::Yes, findings: Vec::new(), facts: Vec::new() };
+        verdict.find(VerdictReason::ManyGross { gross: 4, of: 10, limit: MANY_GROSS });
+        assert_eq!(verdict.trust, Trust::WithCare);
+        verdict.find(VerdictReason::ScaleOpen { vehicle: "car".to_owned() });
+        verdict.find(VerdictReason::DefectUnexpected { found: 2, expected: 1 });
+        assert_eq!((verdict.trust, verdict.findings.len()), (Trust::No, 3));
     }
-}
-
-fn percent(share: f64) -> String {
-    let percent = 100.0 * share;
-    if percent < 1.0 { format!("{percent:.2} %") } else { format!("{percent:.0} %") }
-}
-
-/// Four digits, at least.
-fn number(value: f64) -> String {
-    let digits = match value.abs() {
-        v if v >= 100.0 => 2,
-        v if v >= 1.0 => 3,
-        v if v >= 1e-4 || v == 0.0 => 5,
-        _ => return format!("{value:.3e}"),
-    };
-    format!("{value:.digits$}")
-}
-
-fn centimetres(length_m: f64) -> String {
-    if length_m.is_infinite() { "inf".to_owned() } else { format!("{:.1} cm", 100.0 * length_m) }
 }

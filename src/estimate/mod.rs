@@ -1,11 +1,13 @@
 //! What we believe: the unknowns of a problem as a value to clone, compare and write.
 
+mod left_out;
 mod rows;
 
 use crate::camera::Camera;
 use crate::geometry::{self, Pose};
 use crate::problem::{Problem, Receiver, Vehicle};
 use crate::trajectory::{Order, Strengths, Trajectory};
+pub use left_out::LeftOut;
 use nalgebra::{Point3, Vector3};
 pub use rows::{Imaging, RowMotion};
 
@@ -67,7 +69,7 @@ pub struct VehicleEstimate {
     /// counter-clockwise from that axis \[rad\].
     pub axle: [f64; 2],
     /// Why the vehicle is left out of the adjustment, if it is.
-    pub left_out: Option<String>,
+    pub left_out: Option<LeftOut>,
 }
 
 /// Where and how a point moves.

@@ -24,7 +24,7 @@ pub use problem_folder::{read_grid, read_problem};
 
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};
 pub use result_residuals::{RESIDUALS, ResultResidual, ResultResiduals, START_RESIDUALS, read_residuals};
-pub use result_tables::{ResultPoint, ResultPoses, ResultReport, read_points, read_poses, read_report};
+pub use result_tables::{ResultPoint, ResultPoses, read_points, read_poses, read_report};
 pub use result_targets::{RESULT_TARGETS, ResultRole, ResultTarget, read_targets};
 pub use sections::camera::read as read_camera;
 pub use sections::vehicle::read_id as read_vehicle_id;

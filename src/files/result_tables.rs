@@ -5,6 +5,7 @@ use crate::geometry::Pose;
 use crate::problem::Frame;
 use crate::tables::{self, Finding, Findings, Line};
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion};
+use serde::de::DeserializeOwned;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
@@ -12,9 +13,6 @@ const POINTS: &str = "vehicle_points.csv";
 const CAMERA_POSES: &str = "camera_poses.csv";
 const VEHICLE_POSES: &str = "vehicle_poses.csv";
 const REPORT: &str = "report.json";
-
-/// `report.json` of a result.
-pub type ResultReport = serde_json::Value;
 
 /// A shape point of a result.
 #[derive(Clone, Debug, PartialEq)]
@@ -158,8 +156,8 @@ impl Place {
     }
 }
 
-/// Reads `report.json`; `None` without it.
-pub fn read_report(folder: &Path, findings: &mut Findings) -> Option<ResultReport> {
+/// Reads `report.json` as whatever a room above knows it as; `None` without it.
+pub fn read_report<T: DeserializeOwned>(folder: &Path, findings: &mut Findings) -> Option<T> {
     let text = std::fs::read(folder.join(REPORT)).ok()?;
     match serde_json::from_slice(&text) {
         Ok(report) => Some(report),
@@ -242,7 +240,7 @@ mod tests {
         let folder = folder(&[(POINTS, points), (REPORT, "{")]);
         let mut findings = Findings::default();
         read_points(folder.path(), Some(&["a".to_owned()]), &mut findings);
-        read_report(folder.path(), &mut findings);
+        read_report::<serde_json::Value>(folder.path(), &mut findings);
         let errors: Vec<String> = findings.errors().map(|f| f.to_string()).collect();
         for (found, wanted) in errors.iter().zip([
             "vehicle_points.csv:3: column point: expected a point that is listed once",

@@ -5,8 +5,9 @@
 pub mod resection;
 pub mod shape;
 pub mod vehicle_poses;
+mod warnings;
 
-use crate::estimate::{Estimate, VehicleEstimate};
+use crate::estimate::{Estimate, LeftOut, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::problem::{Problem, Role, Vehicle, VehicleObservation};
 use crate::residuals::inside_body::BODY_BOX_M;
@@ -17,7 +18,8 @@ pub use resection::{NotResectable, Resection};
 use shape::dlt::{LinearPoint, Sighting};
 use shape::{robust_dlt, triangulation};
 pub use vehicle_poses::MotionBounds;
-use vehicle_poses::{FoundPoses, NoPoses, find_poses, static_points};
+use vehicle_poses::{FoundPoses, find_poses, static_points};
+pub use warnings::InitialWarning;
 
 rules! {
     /// The first estimate.
@@ -74,7 +76,7 @@ pub struct Initial {
     /// How cameras without a given pose were found, where there are any.
     pub resection: Option<Resection>,
     /// What is odd.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<InitialWarning>,
 }
 
 /// The first estimate of a problem, with the default bounds of motion.
@@ -97,13 +99,13 @@ pub fn initialise_within(
     }
     let mut robust_points = 0;
     let mut vehicles = Vec::new();
-    let poses: Vec<Result<FoundPoses, NoPoses>> = problem
+    let poses: Vec<Result<FoundPoses, LeftOut>> = problem
         .vehicles
         .par_iter()
         .map(|vehicle| poses_of(problem, vehicle, &camera_poses, bounds))
         .collect();
     for (vehicle, poses) in problem.vehicles.iter().zip(poses) {
-        let no_poses = poses.as_ref().err().map(NoPoses::to_string);
+        let no_poses = poses.as_ref().err().copied();
         let poses = poses.unwrap_or_else(|_| FoundPoses::given(vehicle));
         warnings.extend(poses.warnings);
         let mut estimate = VehicleEstimate { poses: poses.poses, ..VehicleEstimate::without_points(vehicle) };
@@ -121,14 +123,11 @@ pub fn initialise_within(
         estimate.targets[at] = surveyed.or_else(|| intersect_target(problem, &estimate.camera_poses, at));
         let seen = problem.target_observations.iter().any(|o| o.target == at);
         if seen && target.role == Role::Control && estimate.targets[at].is_none() {
-            without_depth.push(target.id.as_str());
+            without_depth.push(target.id.clone());
         }
     }
     if !without_depth.is_empty() {
-        warnings.push(format!(
-            "targets whose rays are too nearly parallel to meet in a point, which are left out: {}",
-            without_depth.join(", ")
-        ));
+        warnings.push(InitialWarning::TargetsLeftOut { targets: without_depth });
     }
     Ok(Initial { estimate, robust_points, resection, warnings })
 }
@@ -241,11 +240,11 @@ fn poses_of(
     vehicle: &Vehicle,
     camera_poses: &[Pose],
     bounds: &MotionBounds,
-) -> Result<FoundPoses, NoPoses> {
+) -> Result<FoundPoses, LeftOut> {
     if !vehicle.misses_poses() {
         return Ok(FoundPoses::given(vehicle));
     }
-    let ground = problem.ground.as_ref().ok_or(NoPoses::NoTerrain)?;
+    let ground = problem.ground.as_ref().ok_or(LeftOut::NoTerrain)?;
     find_poses(vehicle, &problem.frames, &problem.camera, camera_poses, &ground.terrain, bounds)
 }
 
@@ -335,19 +334,17 @@ pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize)
     triangulation::triangulate(&sightings, &known).ok().map(|found| found.point)
 }
 
-fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate) -> Option<String> {
+fn reason_to_leave_out(problem: &Problem, vehicle: &Vehicle, estimate: &VehicleEstimate) -> Option<LeftOut> {
     let is_held = problem.vehicle_pose_sigma.is_exact() && !vehicle.misses_poses();
     let needed = if is_held { 1 } else { RULES.least_points };
     let several = vehicle.determinable().into_iter().filter(|d| *d).count();
     let found = estimate.points.iter().flatten().count();
     if vehicle.observations.is_empty() {
-        Some("it is never seen".to_owned())
+        Some(LeftOut::NeverSeen)
     } else if several < needed {
-        Some(format!("{several} of its points are seen in two frames or more, {needed} are needed"))
+        Some(LeftOut::TooFewSeen { seen: several, needed })
     } else if found < needed {
-        Some(format!(
-            "{found} of its points have rays that meet, {needed} are needed: seen from one side only?"
-        ))
+        Some(LeftOut::TooFewIntersected { found, needed })
     } else {
         None
     }
@@ -357,40 +354,27 @@ fn warn_of_points(
     vehicle: &Vehicle,
     estimate: &VehicleEstimate,
     without_depth: usize,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<InitialWarning>,
 ) {
-    if let Some(reason) = &estimate.left_out {
-        warnings.push(format!("vehicle {} is left out: {reason}", vehicle.id));
+    let id = || vehicle.id.clone();
+    if let Some(reason) = estimate.left_out {
+        warnings.push(InitialWarning::VehicleLeftOut { vehicle: id(), reason });
         return;
     }
     let determinable = vehicle.determinable();
     let single = determinable.iter().filter(|d| !**d).count();
     if single > 0 {
-        warnings.push(format!(
-            "vehicle {}: points seen in one frame only, which get no coordinates: {single}",
-            vehicle.id
-        ));
+        warnings.push(InitialWarning::SeenOnce { vehicle: id(), points: single });
     }
     let lost = determinable.iter().zip(&estimate.points).filter(|(d, p)| **d && p.is_none()).count();
     if lost > 0 {
-        warnings.push(format!(
-            "vehicle {}: points whose rays do not meet, which get no coordinates: {lost}",
-            vehicle.id
-        ));
+        warnings.push(InitialWarning::RaysDoNotMeet { vehicle: id(), points: lost });
     }
     let found = estimate.points.iter().flatten().count();
     if 2 * without_depth > found {
-        warnings.push(format!(
-            "vehicle {}: the rays to {without_depth} of its {found} points leave their depth open: it hardly turns under the camera, and its shape is not determined along the line of sight",
-            vehicle.id
-        ));
+        warnings.push(InitialWarning::DepthOpen { vehicle: id(), points: without_depth, of: found });
     }
-    if let Some(marker) = vehicle.marker
-        && estimate.points[marker].is_none()
-    {
-        warnings.push(format!(
-            "vehicle {}: its marker has no coordinates; the track is that of the origin",
-            vehicle.id
-        ));
+    if vehicle.marker.is_some_and(|marker| estimate.points[marker].is_none()) {
+        warnings.push(InitialWarning::MarkerMissing { vehicle: id() });
     }
 }

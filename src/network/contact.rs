@@ -3,6 +3,7 @@
 use super::blocks::Blocks;
 use super::sink::Sink;
 use super::source::Source;
+use super::warnings::NetworkWarning;
 use crate::estimate::Estimate;
 use crate::geometry::Pose;
 use crate::problem::{GroundKnowledge, Problem};
@@ -25,7 +26,7 @@ pub fn add_contacts(
     ground: &GroundKnowledge,
     current: &Estimate,
     blocks: &Blocks,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<NetworkWarning>,
 ) -> Vec<(GroupId, Vec<f64>)> {
     let (least_m, least_rad) = LEAST_CONTACT_SIGMA;
     let tilt = ground.tilt_sigma_rad.max(least_rad);
@@ -65,13 +66,12 @@ pub fn add_contacts(
             before = Some((frame, pose));
         }
         if let Some((first, reason)) = without_ground.first() {
-            warnings.push(format!(
-                "vehicle {}: poses without ground below them, which no terrain ties: {}, the first in frame {} \
-                 ({reason})",
-                problem.vehicles[at].id,
-                without_ground.len(),
-                problem.frames[*first].number
-            ));
+            warnings.push(NetworkWarning::WithoutGround {
+                vehicle: problem.vehicles[at].id.clone(),
+                poses: without_ground.len(),
+                frame: problem.frames[*first].number,
+                reason: *reason,
+            });
         }
     }
     let [of_first, of_next] = shifts;

@@ -10,8 +10,9 @@
 //! scale moves a vehicle along its ray from the camera, so along that ray its position weighs a
 //! hundredth, unless nothing else knows the scale.
 
+use super::warnings::{CameraGap, ScaleGap};
 use crate::geometry::Pose;
-use crate::problem::{PoseSigma, Problem, Receiver, Role, Vehicle};
+use crate::problem::{Problem, Receiver, Role, Vehicle};
 use nalgebra::{Rotation3, Vector3};
 
 /// By what the standard deviation of a vehicle's starting position is multiplied along its ray.
@@ -46,7 +47,7 @@ pub fn ray_axes(camera: &Pose, vehicle: &Pose) -> Rotation3<f64> {
 /// How camera poses that were given are treated, and a warning where they are held for want of anything
 /// better. Those that were not given come from the targets, which are in the adjustment themselves: they
 /// are free, and their starting values weigh nothing.
-pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
+pub fn of_cameras(problem: &Problem) -> (Treatment, Option<CameraGap>) {
     let given = problem.camera_poses.iter().flatten().count();
     let rows = given as f64;
     let components = problem.camera_pose_sigma.components();
@@ -57,27 +58,17 @@ pub fn of_cameras(problem: &Problem) -> (Treatment, Option<String>) {
         prior_sigma: prior_sigma(&components, &UNKNOWN_CAMERA_POSE, rows.sqrt()),
     };
     let is_adrift = !held_by_targets && (given < problem.frames.len() || treatment.free.contains(&true));
-    let adrift = || {
-        "most frames see fewer than three surveyed control targets: errors of the starting camera poses that \
-         last for many frames stay in the cameras and in the tracks"
-            .to_owned()
-    };
-    let warning = unknown_is_held.then(|| {
-        let missing = match problem.camera_pose_sigma {
-            sigma if sigma.is_unknown() => "camera poses",
-            PoseSigma { position_m: None, .. } => "camera positions",
-            _ => "camera attitudes",
-        };
-        format!(
-            "{missing} are held as given: there is neither a sigma (noise.camera_position_m, \
-             noise.camera_rotation_deg) nor {TARGETS_THAT_HOLD} control targets in most frames"
-        )
+    let gap = unknown_is_held.then(|| {
+        let sigma = &problem.camera_pose_sigma;
+        let positions = sigma.is_unknown() || sigma.position_m.is_none();
+        let attitudes = sigma.is_unknown() || !positions;
+        CameraGap::Held { positions, attitudes, targets_needed: TARGETS_THAT_HOLD }
     });
-    (treatment, warning.or_else(|| is_adrift.then(adrift)))
+    (treatment, gap.or(is_adrift.then_some(CameraGap::Adrift)))
 }
 
 /// What is missing that would hold the cameras, if something is.
-pub fn camera_gap(problem: &Problem) -> Option<String> {
+pub fn camera_gap(problem: &Problem) -> Option<CameraGap> {
     of_cameras(problem).1
 }
 
@@ -136,7 +127,7 @@ fn control_in_view(problem: &Problem) -> Vec<usize> {
 ///
 /// A rigid body under one camera has a scale that no image point sees. This looks at what is known
 /// only; how well the scale is held is for the covariance to say.
-pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
+pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<ScaleGap> {
     let sigma = problem.vehicle_pose_sigma;
     if sigma.position_m == Some(0.0) && !vehicle.has_no_poses() {
         return None;
@@ -150,11 +141,9 @@ pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<&'static str> {
     let knows_height = knows(2) >= 1 || vehicle.height.is_some();
     match (knows_size, knows_height, has_ground(problem, vehicle)) {
         (true, _, _) | (_, true, true) => None,
-        (false, true, false) => {
-            Some("a height is known, but without a terrain there is no ground to count it from")
-        }
-        (false, false, true) => Some("the terrain is known, but no height above it"),
-        (false, false, false) => Some("neither a terrain, nor a height, nor a size is known"),
+        (false, true, false) => Some(ScaleGap::NoTerrain),
+        (false, false, true) => Some(ScaleGap::NoHeight),
+        (false, false, false) => Some(ScaleGap::Nothing),
     }
 }
 

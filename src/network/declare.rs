@@ -13,6 +13,7 @@ use super::receivers::add_receivers;
 use super::selection::{Purpose, Selection};
 use super::sink::Sink;
 use super::starts::{Starting, add_starting_poses};
+use super::warnings::NetworkWarning;
 use crate::estimate::Estimate;
 use crate::problem::Problem;
 use nalgebra::Point3;
@@ -59,7 +60,7 @@ pub struct Declared {
     /// How many numbers that is, of starting shapes.
     pub shape_rows: usize,
     /// What is odd.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<NetworkWarning>,
 }
 
 /// Declares a network to a sink. A new measurement is one line here.

@@ -24,6 +24,7 @@ mod sink;
 mod source;
 mod starts;
 mod unknowns;
+mod warnings;
 
 pub use blocks::{Blocks, ReceiverBlocks, VehicleBlocks};
 pub use body_frame::{BodyFrame, body_frames, frame_step, point_motion, pose_motion};
@@ -36,3 +37,4 @@ pub use receivers::start_clocks;
 pub use selection::{Anchors, OUTLIER_SIGMAS, Purpose, Selection};
 pub use sink::{Owner, Sink, SystemSink};
 pub use source::{CommonCause, Nature, Source, Traits};
+pub use warnings::{CameraGap, NetworkWarning, ScaleGap};

@@ -8,6 +8,7 @@ use super::motion::{Motion, MotionPriors, Order};
 use super::selection::{Purpose, Selection};
 use super::sink::SystemSink;
 use super::source::Source;
+use super::warnings::NetworkWarning;
 use crate::estimate::Estimate;
 use crate::problem::Problem;
 use trackbundle_solver::Singular;
@@ -36,7 +37,7 @@ pub struct Model {
     /// The motion priors.
     pub motion: Motion,
     /// What is odd about the datum.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<NetworkWarning>,
     /// Every group and what it is.
     pub sources: Vec<(Source, GroupId)>,
     /// For each image point of a vehicle that takes part: vehicle and observation, in the order of the group.
@@ -72,7 +73,7 @@ impl Model {
         let (cameras, warning) = datum::of_cameras(problem);
         let vehicles: Vec<Treatment> =
             problem.vehicles.iter().map(|vehicle| datum::of_vehicle(problem, vehicle)).collect();
-        let mut warnings: Vec<String> = warning.into_iter().collect();
+        let mut warnings: Vec<NetworkWarning> = warning.map(NetworkWarning::Cameras).into_iter().collect();
         warnings.extend(scale_warnings(problem, start));
         let NetworkOptions { motion, arrangement } = options;
         let (cameras, vehicles) = (&cameras, vehicles.as_slice());
@@ -257,15 +258,12 @@ impl Model {
 }
 
 /// Vehicles whose scale only their starting poses hold.
-fn scale_warnings(problem: &Problem, start: &Estimate) -> Vec<String> {
+fn scale_warnings(problem: &Problem, start: &Estimate) -> Vec<NetworkWarning> {
     let vehicles = problem.vehicles.iter().zip(&start.vehicles);
     let adjusted = vehicles.filter(|(_, estimate)| estimate.left_out.is_none());
     let warning = |(vehicle, _): (&crate::problem::Vehicle, _)| {
         let gap = datum::scale_gap(problem, vehicle)?;
-        Some(format!(
-            "scale of {}: held only by the starting poses ({gap}); size, height and track are wrong by one common share",
-            vehicle.id
-        ))
+        Some(NetworkWarning::Scale { vehicle: vehicle.id.clone(), gap })
     };
     adjusted.filter_map(warning).collect()
 }

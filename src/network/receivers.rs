@@ -7,6 +7,7 @@ use super::blocks::{Blocks, ReceiverBlocks};
 use super::selection::{OUTLIER_SIGMAS, Purpose};
 use super::sink::Sink;
 use super::source::Source;
+use super::warnings::NetworkWarning;
 use crate::clock::curve::Curve;
 use crate::clock::{ClockOffset, Shift, clock_offset};
 use crate::estimate::{Estimate, ReceiverEstimate};
@@ -111,14 +112,14 @@ pub fn add_receivers(
     current: &Estimate,
     blocks: &Blocks,
     purpose: Purpose<'_>,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<NetworkWarning>,
 ) -> Vec<(usize, usize)> {
     let (mut positions, mut items) = (Vec::new(), Vec::new());
     let mut known = Knowledge::default();
     for (at, (receiver, own)) in problem.receivers.iter().zip(&blocks.receivers).enumerate() {
         let Some(own) = own else {
-            let name = receiver.name(&problem.vehicles);
-            warnings.push(format!("GNSS positions of {name}: not used, its point has no place"));
+            let receiver = receiver.name(&problem.vehicles);
+            warnings.push(NetworkWarning::ReceiverWithoutPlace { receiver });
             continue;
         };
         let poses = &blocks.vehicles[receiver.vehicle].poses;
@@ -148,7 +149,7 @@ fn chosen(
     at: usize,
     poses: &[Option<BlockId>],
     purpose: Purpose<'_>,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<NetworkWarning>,
 ) -> Vec<(usize, AntennaPosition, [usize; 3], [f64; 3])> {
     let receiver = &problem.receivers[at];
     let name = receiver.name(&problem.vehicles);
@@ -166,12 +167,12 @@ fn chosen(
             taken.push((item, residual, frames, sigma_m));
         }
     }
+    let used = taken.len();
     if rejected > 0 {
-        warnings.push(format!("GNSS positions of {name}: {rejected} rejected, {} used", taken.len()));
+        warnings.push(NetworkWarning::PositionsRejected { receiver: name.clone(), rejected, used });
     }
-    if taken.is_empty() {
-        warnings
-            .push(format!("GNSS positions of {name}: none falls into the time in which the vehicle is seen"));
+    if used == 0 {
+        warnings.push(NetworkWarning::NoPositionInTime { receiver: name });
     }
     taken
 }

@@ -68,8 +68,8 @@ pub enum CommonCause {
 /// What follows from the source of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Traits {
-    /// Its name in reports.
-    pub name: &'static str,
+    /// Its name in files, which stays whatever it is called in a sentence.
+    pub key: &'static str,
     /// What kind of statement it makes.
     pub nature: Nature,
     /// Whether its rows count in full as observations of sigma0. (Given poses count as one observation together,
@@ -88,19 +88,19 @@ impl Source {
     pub fn traits(self) -> Traits {
         use CommonCause::{GroundShift, OneSigma};
         use Nature::{Convention, Datum, Image, Knowledge, Motion};
-        let of = |name, nature| Traits {
-            name,
+        let of = |key, nature| Traits {
+            key,
             nature,
             counts_in_sigma0: matches!(nature, Knowledge | Motion),
             holds_frame: false,
             per_vehicle: false,
             common_cause: CommonCause::None,
         };
-        let of_body = |name, holds_frame, common_cause| Traits {
+        let of_body = |key, holds_frame, common_cause| Traits {
             holds_frame,
             per_vehicle: true,
             common_cause,
-            ..of(name, Knowledge)
+            ..of(key, Knowledge)
         };
         match self {
             Source::VehicleImages => Traits { per_vehicle: true, ..of("image points of vehicles", Image) },

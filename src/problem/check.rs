@@ -408,6 +408,7 @@ mod tests {
                 id: "car".to_owned(),
                 marker: Some(1),
                 height: Some(Known { value_m: 1.5, sigma_m: 0.1 }),
+                scale_bars: Vec::new(),
                 is_car: false,
                 points: vec![shape_point("p"), shape_point("q")],
                 observations: vec![seen(0, 0), seen(0, 1), seen(1, 0)],

@@ -23,6 +23,7 @@ mod outcome;
 mod reversal;
 mod schedule;
 mod score_test;
+mod warnings;
 
 pub use alone::alone;
 pub use expected::expected;
@@ -31,6 +32,7 @@ pub use gross_errors::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verd
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, Round};
 pub use schedule::RoundSchedule;
 pub use score_test::{CRITICAL, DirectedTest};
+pub use warnings::{AdjustmentWarning, NoSolution};
 
 use crate::estimate::Estimate;
 use crate::initialise::start_anew;
@@ -45,12 +47,12 @@ use crate::problem::Problem;
 use crate::rules::Rules;
 use directed_tests::{Held, directed_tests};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
+use trackbundle_solver::TooLarge;
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
 use trackbundle_solver::minimise::{IterationRecord, Minimiser, MinimiserOptions, Minimum, Stop};
 pub use trackbundle_solver::system::Arrangement;
 use trackbundle_solver::system::Values;
-use trackbundle_solver::{Singular, TooLarge};
 
 /// What a user may choose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,23 +101,6 @@ pub enum Progress<'a> {
 
 /// Where progress is reported.
 pub type ProgressSink<'a> = &'a mut dyn FnMut(Progress<'_>);
-
-/// The problem has no usable solution; what is missing is said.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct NoSolution(pub String);
-
-impl From<Singular> for NoSolution {
-    fn from(error: Singular) -> Self {
-        NoSolution(error.to_string())
-    }
-}
-
-impl From<TooLarge> for NoSolution {
-    fn from(error: TooLarge) -> Self {
-        NoSolution(error.to_string())
-    }
-}
 
 /// The constants of the adjustment.
 pub fn constants() -> Vec<Rules> {
@@ -188,13 +173,9 @@ fn need_a_vehicle(problem: &Problem, start: &Estimate) -> Result<(), NoSolution>
     if start.vehicles.iter().any(|vehicle| vehicle.left_out.is_none()) {
         return Ok(());
     }
-    let reasons: Vec<String> = problem
-        .vehicles
-        .iter()
-        .zip(&start.vehicles)
-        .filter_map(|(v, e)| Some(format!("vehicle {}: {}", v.id, e.left_out.as_ref()?)))
-        .collect();
-    Err(NoSolution(format!("no vehicle can be adjusted; {}", reasons.join("; "))))
+    let all = problem.vehicles.iter().zip(&start.vehicles);
+    let left_out = all.filter_map(|(v, e)| Some((v.id.clone(), e.left_out?))).collect();
+    Err(NoSolution::NoVehicle { left_out })
 }
 
 /// The least squares on accepted image points, with frames of bodies held where they are.
@@ -388,16 +369,11 @@ impl<'a, 'p> Run<'a, 'p> {
         let mut estimate = self.model.estimate(self.problem, self.start, &self.values);
         look_where_they_drive(self.problem, &mut estimate);
         if !estimate.is_finite() || !minimum.cost.value.is_finite() {
-            return Err(NoSolution(
-                "the adjustment does not end in finite numbers: is a value out of all proportion?".to_owned(),
-            ));
+            return Err(NoSolution::NotFinite);
         }
         let fits = Fits::new(self.problem, &estimate, self.loss, self.spread, &self.excluded);
         if fits.inside(self.problem)[0].is_empty() {
-            return Err(NoSolution(
-                "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
-                    .to_owned(),
-            ));
+            return Err(NoSolution::NothingFits);
         }
         Ok((estimate, fits))
     }

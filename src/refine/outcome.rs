@@ -4,6 +4,7 @@ use super::Network;
 use super::fit::ObservationFit;
 use super::gross_errors::{self, Excluded, ImagePointVerdict, Tally, Verdicts};
 use super::score_test::DirectedTest;
+use super::warnings::AdjustmentWarning;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
 use crate::network::{BodyStrength, Model, OUTLIER_SIGMAS, Selection};
@@ -12,6 +13,7 @@ use nalgebra::{Vector2, Vector3};
 use trackbundle_solver::Elimination;
 use trackbundle_solver::loss::Loss;
 use trackbundle_solver::minimise::{IterationRecord, Minimum, Stop};
+use trackbundle_solver::system::Values;
 
 /// The statistics of an adjustment.
 #[derive(Clone, Debug)]
@@ -52,7 +54,7 @@ pub struct Adjustment {
     /// Tests of single numbers that are held.
     pub directed_tests: Vec<DirectedTest>,
     /// What is odd.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<AdjustmentWarning>,
 }
 
 /// What the final least squares did.
@@ -317,36 +319,8 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
     let Statistics { observations, parameters, squares } = statistics;
     let values = network.map_or(&minimum.values, |network| &network.values);
     let redundancy = observations as i64 - parameters as i64;
-    let mut warnings = model.warnings.clone();
-    for warning in network.iter().flat_map(|network| &network.model.warnings) {
-        if !warnings.contains(warning) {
-            warnings.push(warning.clone());
-        }
-    }
-    if network.is_none() {
-        warnings.push(
-            "the final least squares on accepted image points could not be solved: the result is that of the \
-             robust adjustment, without standard deviations"
-                .to_owned(),
-        );
-    }
-    if !minimum.stop.converged() {
-        warnings.push(format!("the adjustment has not converged: {}", minimum.stop));
-    }
-    if fits.behind_camera > 0 {
-        warnings.push(format!("{} image points belong to points behind the camera", fits.behind_camera));
-    }
     let counted = network.map_or(model, |network| &network.model);
-    let lost_contacts = counted.lost_contacts(values);
-    if lost_contacts > 0 {
-        warnings.push(format!(
-            "contacts with the ground that were lost, because a pose left the terrain grid: {lost_contacts}"
-        ));
-    }
-    if spread > 2.0 && both.len() >= 100 {
-        warnings
-            .push(format!("image points of vehicles scatter {spread:.1} times as much as their sigmas say"));
-    }
+    let warnings = warnings(&minimum, values, spread, &fits, both.len(), [model, counted], network.is_some());
     Adjustment {
         stop: minimum.stop,
         rounds,
@@ -369,9 +343,54 @@ pub fn summarise(problem: &Problem, start: &Estimate, estimate: &Estimate, end: 
     }
 }
 
+/// Image points of vehicles are said to scatter more than stated from this factor on ...
+const OTHER_SCATTER: f64 = 2.0;
+/// ... where there are so many.
+const LEAST_IMAGE_POINTS: usize = 100;
+
+/// What is odd about the end; `models` are those of the robust adjustment and of what statistics are from.
+fn warnings(
+    minimum: &Minimum,
+    values: &Values,
+    spread: f64,
+    fits: &Fits,
+    image_points: usize,
+    models: [&Model; 2],
+    has_least_squares: bool,
+) -> Vec<AdjustmentWarning> {
+    let mut warnings: Vec<AdjustmentWarning> = Vec::new();
+    for warning in models.iter().flat_map(|model| &model.warnings) {
+        let warning = AdjustmentWarning::Network(warning.clone());
+        if !warnings.contains(&warning) {
+            warnings.push(warning);
+        }
+    }
+    if !has_least_squares {
+        warnings.push(AdjustmentWarning::NoLeastSquares);
+    }
+    if !minimum.stop.converged() {
+        warnings.push(AdjustmentWarning::NotConverged { stop: minimum.stop });
+    }
+    if fits.behind_camera > 0 {
+        warnings.push(AdjustmentWarning::BehindCamera { image_points: fits.behind_camera });
+    }
+    let contacts = models[1].lost_contacts(values);
+    if contacts > 0 {
+        warnings.push(AdjustmentWarning::ContactsLost { contacts });
+    }
+    if spread > OTHER_SCATTER && image_points >= LEAST_IMAGE_POINTS {
+        warnings.push(AdjustmentWarning::VehiclesScatter { factor: spread, limit: OTHER_SCATTER });
+    }
+    warnings
+}
+
 /// Takes the coordinates of shape points that fewer than two image points agree with: they are where
 /// the usual size of a car puts them, not where anybody saw them. Says which.
-pub fn drop_rejected_points(problem: &Problem, estimate: &mut Estimate, fits: &Fits) -> Vec<String> {
+pub fn drop_rejected_points(
+    problem: &Problem,
+    estimate: &mut Estimate,
+    fits: &Fits,
+) -> Vec<AdjustmentWarning> {
     let mut warnings = Vec::new();
     for (at, vehicle) in problem.vehicles.iter().enumerate() {
         let found = &mut estimate.vehicles[at];
@@ -383,15 +402,11 @@ pub fn drop_rejected_points(problem: &Problem, estimate: &mut Estimate, fits: &F
         for (point, shape_point) in vehicle.points.iter().enumerate() {
             let is_known = shape_point.known.iter().any(Option::is_some);
             if good[point] < 2 && !is_known && found.points[point].take().is_some() {
-                dropped.push(shape_point.id.as_str());
+                dropped.push(shape_point.id.clone());
             }
         }
         if !dropped.is_empty() {
-            warnings.push(format!(
-                "vehicle {}: points whose image points are gross errors but for one at most, which get no coordinates: {}",
-                vehicle.id,
-                dropped.join(", ")
-            ));
+            warnings.push(AdjustmentWarning::PointsRejected { vehicle: vehicle.id.clone(), points: dropped });
         }
     }
     warnings

@@ -1,10 +1,13 @@
 //! The part of `report.json` that says how far a result can be trusted.
 
+use super::finding::{FindingReport, number};
 use crate::diagnose::observability::{Class, Observability};
-use crate::diagnose::{Diagnosis, Parameter, Reliability, Verdict, source_name};
+use crate::diagnose::{Diagnosis, Parameter, Reliability, Verdict, source_key};
 use crate::problem::Problem;
 use crate::refine::DirectedTest;
-use serde::{Serialize, Serializer};
+use crate::words::{direction_code, fact_word};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 
 /// A standard deviation: the text `"inf"` where a quantity is not determined.
@@ -17,10 +20,52 @@ impl Serialize for Sigma {
     }
 }
 
+impl Default for Sigma {
+    fn default() -> Self {
+        Sigma(f64::NAN)
+    }
+}
+
+impl<'de> Deserialize<'de> for Sigma {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Written {
+            Number(f64),
+            Text(String),
+        }
+        match Written::deserialize(from)? {
+            Written::Number(sigma) => Ok(Sigma(sigma)),
+            Written::Text(text) if text == "inf" => Ok(Sigma(f64::INFINITY)),
+            Written::Text(text) => {
+                Err(D::Error::custom(format!("expected a number or \"inf\", found {text:?}")))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+impl schemars::JsonSchema for Sigma {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Sigma".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({
+            "description": "A standard deviation: the text \"inf\" where a quantity is not determined.",
+            "anyOf": [{"type": "number"}, {"const": "inf"}],
+        })
+    }
+}
+
 /// Statistics of the final least squares.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct StatisticsReport {
     /// Sum of all redundancy numbers: the redundancy.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub redundancy_numbers: f64,
     /// The test of sigma0^2 against 1, at 5 %.
     pub variance_test: Option<VarianceTestReport>,
@@ -33,26 +78,36 @@ pub struct StatisticsReport {
 }
 
 /// The test of sigma0^2.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct VarianceTestReport {
     /// Sum of squares over redundancy.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub variance: f64,
     /// Where it lies in 95 % of cases, were all standard deviations right.
     pub interval: [f64; 2],
     /// Probability of a value at least as far off.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub probability: f64,
     /// Whether it is in the interval.
     pub passed: bool,
 }
 
 /// A kind of observation.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct ComponentReport {
     /// Which.
-    pub source: &'static str,
+    pub source: String,
     /// Its rows.
     pub rows: usize,
     /// Sum of their redundancy numbers.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub redundancy: f64,
     /// By what its standard deviations would have to be multiplied.
     pub sigma_factor: Option<f64>,
@@ -61,13 +116,19 @@ pub struct ComponentReport {
 }
 
 /// How well gross errors among image points would have been found.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct ReliabilityReport {
     /// Coordinates of image points that took part.
     pub rows: usize,
     /// Least redundancy number of a coordinate.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub redundancy_number_least: f64,
     /// Median redundancy number.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub redundancy_number_median: f64,
     /// Minimal detectable error (0.1 %, power 80 %), median.
     pub minimal_detectable_px_median: Sigma,
@@ -80,11 +141,15 @@ pub struct ReliabilityReport {
     /// Standardised residuals beyond 3.29.
     pub beyond_critical: usize,
     /// The largest standardised residual.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub largest_standardised: f64,
 }
 
 /// What measurements and knowledge leave open.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct ObservabilityReport {
     /// How many numbers are unknown.
     pub unknowns: usize,
@@ -101,16 +166,22 @@ pub struct ObservabilityReport {
 }
 
 /// A direction.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct DirectionReport {
-    /// What it is.
+    /// What it is, for programs.
+    pub code: String,
+    /// What it is, for people.
     pub name: String,
     /// `null` or `weak`.
-    pub class: &'static str,
+    pub class: String,
     /// What rows see of it, as a share of what they see best.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub singular_ratio: f64,
     /// What holds it in the adjustment nevertheless.
-    pub held_by: Option<&'static str>,
+    pub held_by: Option<String>,
 }
 
 /// What is left open.
@@ -125,49 +196,63 @@ pub fn observability_report(found: &Observability) -> ObservabilityReport {
             .directions
             .iter()
             .map(|d| DirectionReport {
+                code: direction_code(&d.kind).to_owned(),
                 name: d.name.clone(),
                 class: match d.class {
-                    Class::Null => "null",
-                    Class::Weak => "weak",
+                    Class::Null => "null".to_owned(),
+                    Class::Weak => "weak".to_owned(),
                 },
                 singular_ratio: d.singular_ratio,
-                held_by: d.held_by,
+                held_by: d.held_by.map(str::to_owned),
             })
             .collect(),
     }
 }
 
 /// A number that is adjusted beside poses and points.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct ParameterReport {
     /// Its name, with its unit at the end.
-    pub name: &'static str,
+    pub name: String,
     /// Whose: vehicle and point of a receiver.
     pub of: Option<String>,
     /// What it was before.
-    pub before: f64,
+    pub before: Option<f64>,
     /// Its standard deviation before; `null` where nothing was known.
     pub sigma_before: Option<f64>,
     /// What it is.
-    pub value: f64,
+    pub value: Option<f64>,
     /// Its standard deviation.
-    pub sigma: Sigma,
+    pub sigma: Option<Sigma>,
     /// Whether the observations say anything of it.
+    #[serde(default = "yes")]
     pub observable: bool,
     /// How far the middle of a vehicle's shape would be off, were it held at what it was before.
-    pub effect_m: f64,
+    pub effect_m: Option<f64>,
     /// Correlations beyond 0.95, by name.
     pub correlations: BTreeMap<String, f64>,
 }
 
+fn yes() -> bool {
+    true
+}
+
 /// A vehicle that stands.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct StandstillReport {
     /// Its id.
     pub vehicle: String,
     /// From when.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub from_s: f64,
     /// To when.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub to_s: f64,
 }
 
@@ -185,20 +270,22 @@ pub fn standstill_reports(problem: &Problem, diagnosis: &Diagnosis) -> Vec<Stand
 }
 
 /// The test of a number that is held.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct DirectedTestReport {
     /// Its name, with its unit at the end.
-    pub name: &'static str,
+    pub name: String,
     /// Whose.
     pub of: Option<String>,
     /// What it is held at.
-    pub held_at: f64,
+    pub held_at: Option<f64>,
     /// What it would be if it were free, to first order.
-    pub estimate: f64,
+    pub estimate: Option<f64>,
     /// Standard deviation of that.
-    pub sigma: f64,
+    pub sigma: Option<f64>,
     /// Standard normal where the number is what it is held at.
-    pub statistic: f64,
+    pub statistic: Option<f64>,
     /// Whether that is rejected at a level of 0.1 %.
     pub rejected: bool,
 }
@@ -206,14 +293,14 @@ pub struct DirectedTestReport {
 /// The numbers of a diagnosis.
 pub fn parameter_reports(diagnosis: &Diagnosis) -> Vec<ParameterReport> {
     let report = |found: &Parameter| ParameterReport {
-        name: found.name,
+        name: found.name.to_owned(),
         of: found.of.clone(),
-        before: found.before,
+        before: Some(found.before),
         sigma_before: found.sigma_before,
-        value: found.value,
-        sigma: Sigma(found.sigma),
+        value: Some(found.value),
+        sigma: Some(Sigma(found.sigma)),
         observable: found.is_observable,
-        effect_m: found.effect_m,
+        effect_m: Some(found.effect_m),
         correlations: found.correlated.iter().cloned().collect(),
     };
     diagnosis.parameters.iter().map(report).collect()
@@ -222,30 +309,32 @@ pub fn parameter_reports(diagnosis: &Diagnosis) -> Vec<ParameterReport> {
 /// The tests of an adjustment.
 pub fn directed_test_reports(tests: &[DirectedTest]) -> Vec<DirectedTestReport> {
     let report = |test: &DirectedTest| DirectedTestReport {
-        name: test.name,
+        name: test.name.to_owned(),
         of: test.of.clone(),
-        held_at: test.held_at,
-        estimate: test.estimate,
-        sigma: test.sigma,
-        statistic: test.statistic(),
+        held_at: Some(test.held_at),
+        estimate: Some(test.estimate),
+        sigma: Some(test.sigma),
+        statistic: Some(test.statistic()),
         rejected: test.is_rejected(),
     };
     tests.iter().map(report).collect()
 }
 
 /// What determined the scale of a vehicle.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct ScaleReport {
     /// Its id.
     pub vehicle: String,
     /// Relative standard deviation of its scale.
-    pub sigma: Sigma,
+    pub sigma: Option<Sigma>,
     /// What each source contributes to its variance; they sum to one.
-    pub shares: BTreeMap<&'static str, f64>,
+    pub shares: BTreeMap<String, Option<f64>>,
     /// The relative standard deviation with one source left out.
-    pub sigma_without: BTreeMap<&'static str, Sigma>,
+    pub sigma_without: BTreeMap<String, Sigma>,
     /// What an error of one standard deviation does that all rows of a source have in common.
-    pub common_error: BTreeMap<&'static str, CommonErrorReport>,
+    pub common_error: BTreeMap<String, CommonErrorReport>,
     /// Directions of the frame of its body that nothing determines: inner constraints on the shape.
     pub frame_open_directions: usize,
     /// Standard deviations of the six directions of its frame from what is known, worst first: root mean
@@ -254,31 +343,42 @@ pub struct ScaleReport {
 }
 
 /// What a common error does.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct CommonErrorReport {
     /// Relative change of the scale.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub scale: f64,
     /// How far the middle of the shape moves in the world.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub track_m: f64,
 }
 
 /// Whether a result can be trusted.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct VerdictReport {
     /// `yes`, `with care` or `no`.
-    pub trust: &'static str,
+    pub trust: String,
     /// What speaks against more.
     pub reasons: Vec<String>,
-    /// What it rests on.
+    /// What it rests on: a word that stays, and what is to be said.
     pub facts: Vec<String>,
+    /// The reasons for programs, in the same order.
+    pub findings: Vec<FindingReport>,
 }
 
 /// A verdict.
 pub fn verdict_report(verdict: &Verdict) -> VerdictReport {
     VerdictReport {
-        trust: verdict.trust.name(),
-        reasons: verdict.reasons.clone(),
-        facts: verdict.facts.iter().map(|(word, text)| format!("{word} {text}")).collect(),
+        trust: verdict.trust.name().to_owned(),
+        reasons: verdict.findings.iter().map(ToString::to_string).collect(),
+        facts: verdict.facts.iter().map(|fact| format!("{} {fact}", fact_word(fact))).collect(),
+        findings: verdict.findings.iter().map(FindingReport::new).collect(),
     }
 }
 
@@ -298,7 +398,7 @@ pub fn statistics_report(problem: &Problem, diagnosis: &Diagnosis) -> Statistics
             .components
             .iter()
             .map(|c| ComponentReport {
-                source: source_name(c.source),
+                source: source_key(c.source).to_owned(),
                 rows: c.rows,
                 redundancy: c.redundancy,
                 sigma_factor: c.sigma_factor(),
@@ -328,23 +428,24 @@ fn reliability_report(found: &Reliability) -> Option<ReliabilityReport> {
 
 /// Scales of a diagnosis.
 pub fn scale_reports(problem: &Problem, diagnosis: &Diagnosis) -> Vec<ScaleReport> {
+    let key = |source| source_key(source).to_owned();
     let report = |scale: &crate::diagnose::Scale| {
         let (open, sigmas) = &diagnosis.frames[scale.vehicle];
         ScaleReport {
             vehicle: problem.vehicles[scale.vehicle].id.clone(),
-            sigma: Sigma(scale.sigma),
-            shares: scale.shares.iter().map(|(source, share)| (source_name(*source), *share)).collect(),
+            sigma: Some(Sigma(scale.sigma)),
+            shares: scale.shares.iter().map(|(source, share)| (key(*source), Some(*share))).collect(),
             sigma_without: scale
                 .without
                 .iter()
-                .map(|(source, sigma)| (source_name(*source), Sigma(*sigma)))
+                .map(|(source, sigma)| (key(*source), Sigma(*sigma)))
                 .collect(),
             common_error: scale
                 .common
                 .iter()
                 .map(|(source, error)| {
                     let report = CommonErrorReport { scale: error.scale, track_m: error.track_m };
-                    (source_name(*source), report)
+                    (key(*source), report)
                 })
                 .collect(),
             frame_open_directions: *open,

@@ -1,86 +1,52 @@
 //! The verdict and what it rests on as a document to read beside a recording, in Markdown.
 
-use serde_json::Value;
+use super::Report;
+use super::diagnosis::{DirectionReport, ScaleReport};
+use crate::words::format::percent_or_open;
 
 /// The document of a `report.json`; what it does not have is left out.
-pub fn document(report: &Value) -> String {
-    let text = |value: &Value| match value {
-        Value::String(text) => text.clone(),
-        Value::Null => "-".to_owned(),
-        other => other.to_string(),
-    };
-    let mut out = format!("# {}\n\n", text(&report["problem"]));
-    match &report["verdict"] {
-        Value::Null => out += &format!("**{}**, not adjusted\n\n", text(&report["status"])),
-        verdict => {
-            out += &format!("**Can it be trusted? {}.**\n\n", text(&verdict["trust"]));
-            for reason in list(&verdict["reasons"]) {
-                out += &format!("- {}\n", text(reason));
-            }
+pub fn document(report: &Report) -> String {
+    let or_sign = |text: &str| if text.is_empty() { "-".to_owned() } else { text.to_owned() };
+    let mut out = format!("# {}\n\n", or_sign(&report.problem));
+    match &report.verdict {
+        None => out += &format!("**{}**, not adjusted\n\n", or_sign(&report.status)),
+        Some(verdict) => {
+            out += &format!("**Can it be trusted? {}.**\n\n", or_sign(&verdict.trust));
+            verdict.reasons.iter().for_each(|reason| out += &format!("- {reason}\n"));
             out += "\n";
-            for fact in list(&verdict["facts"]) {
-                let fact = text(fact);
-                let (word, rest) = fact.split_once(' ').unwrap_or((&fact, ""));
+            for fact in &verdict.facts {
+                let (word, rest) = fact.split_once(' ').unwrap_or((fact, ""));
                 out += &format!("- **{word}** {rest}\n");
             }
         }
     }
-    if report["iterations"].is_u64() {
-        out += &format!(
-            "- **adjusted** {} after {} iterations ({})\n- **residuals** rms {} px; gross errors {} of {}\n",
-            text(&report["status"]),
-            text(&report["iterations"]),
-            text(&report["stop"]),
-            number(&report["rms_px"]),
-            text(&report["outliers"]),
-            text(&report["image_points"]["given"])
-        );
-    }
-    let scales = list(&report["scales"]);
-    if !scales.is_empty() {
+    out += &report.facts().document_lines();
+    if !report.scales.is_empty() {
         out += "\n## Scale: what holds it\n\n";
     }
-    for scale in scales {
-        let mut without: Vec<(String, f64)> = entries(&scale["sigma_without"])
-            .map(|(source, sigma)| (source.clone(), sigma.as_f64().unwrap_or(f64::INFINITY)))
-            .collect();
-        without.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let without: Vec<String> =
-            without.iter().map(|(source, sigma)| format!("{source}: {}", percent(*sigma))).collect();
-        let sigma = scale["sigma"].as_f64().unwrap_or(f64::INFINITY);
-        let vehicle = text(&scale["vehicle"]);
-        out +=
-            &format!("- **{vehicle}** sigma {}; without a source: {}\n", percent(sigma), without.join("; "));
-    }
-    let directions = list(&report["observability"]["directions"]);
+    report.scales.iter().for_each(|scale| out += &scale_line(scale));
+    let directions = report.observability.as_ref().map_or(&[][..], |found| &found.directions);
     if !directions.is_empty() {
         out += "\n## Datum: what is open or weak\n\n";
     }
-    for direction in directions {
-        let class = if direction["class"] == "null" { "open" } else { "weak" };
-        out += &format!("- **{class}** {}", text(&direction["name"]));
-        if let Some(held_by) = direction["held_by"].as_str() {
-            out += &format!(" (held by {held_by})");
-        }
-        out += "\n";
-    }
+    directions.iter().for_each(|direction| out += &direction_line(direction));
     out
 }
 
-fn list(value: &Value) -> &[Value] {
-    value.as_array().map_or(&[], Vec::as_slice)
+fn scale_line(scale: &ScaleReport) -> String {
+    let mut without: Vec<(&str, f64)> =
+        scale.sigma_without.iter().map(|(source, sigma)| (source.as_str(), sigma.0)).collect();
+    without.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let without: Vec<String> =
+        without.iter().map(|(source, sigma)| format!("{source}: {}", percent_or_open(*sigma))).collect();
+    let sigma = percent_or_open(scale.sigma.map_or(f64::INFINITY, |sigma| sigma.0));
+    format!("- **{}** sigma {sigma}; without a source: {}\n", scale.vehicle, without.join("; "))
 }
 
-fn entries(value: &Value) -> impl Iterator<Item = (&String, &Value)> {
-    value.as_object().into_iter().flatten()
-}
-
-fn number(value: &Value) -> String {
-    value.as_f64().map_or("-".to_owned(), |value| format!("{value:.3}"))
-}
-
-fn percent(share: f64) -> String {
-    if share.is_finite() { format!("{:.2} %", 100.0 * share) } else { "not determined".to_owned() }
+fn direction_line(direction: &DirectionReport) -> String {
+    let class = if direction.class == "null" { "open" } else { "weak" };
+    let held = direction.held_by.as_ref().map_or(String::new(), |held_by| format!(" (held by {held_by})"));
+    format!("- **{class}** {}{held}\n", direction.name)
 }
 
 #[cfg(test)]
@@ -97,7 +63,8 @@ mod tests {
             "scales": [{"vehicle": "car", "sigma": "inf", "sigma_without": {"terrain": 0.01, "survey": "inf"}}],
             "observability": {"directions": [{"name": "scale of car", "class": "null", "held_by": null}]},
         });
-        let found = document(&report);
+        let read = |json| serde_json::from_value(json).unwrap();
+        let found = document(&read(report));
         for wanted in [
             "# film\n\n**Can it be trusted? no.**\n\n- nothing determines the scale of car\n",
             "- **datum** 5 of 6 unknowns determined\n",
@@ -107,8 +74,8 @@ mod tests {
         ] {
             assert!(found.contains(wanted), "{wanted} is not in\n{found}");
         }
-        let bare = document(&serde_json::json!({"problem": "film", "status": "first_estimate"}));
+        let bare = document(&read(serde_json::json!({"problem": "film", "status": "first_estimate"})));
         assert_eq!(bare, "# film\n\n**first_estimate**, not adjusted\n\n");
-        assert_eq!(document(&Value::Null), "# -\n\n**-**, not adjusted\n\n");
+        assert_eq!(document(&Report::default()), "# -\n\n**-**, not adjusted\n\n");
     }
 }

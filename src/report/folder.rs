@@ -1,6 +1,7 @@
 //! The result folder: whole or not at all.
 
 use super::File;
+use serde::Deserialize;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -118,12 +119,18 @@ pub fn check_place(target: &Path, holds: Holds) -> Result<(), PlaceError> {
     }
 }
 
+/// What every folder of this program says in the file that it is known by.
+#[derive(Default, Deserialize)]
+struct Made {
+    program: String,
+}
+
 /// Whether a folder was written by this program and holds nothing else.
 fn is_own(folder: &Path, holds: Holds) -> bool {
     let Ok(text) = std::fs::read_to_string(folder.join(holds.known_by())) else { return false };
-    let report: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let made: Made = serde_json::from_str(&text).unwrap_or_default();
     let is_ours = |name: &str| holds.owns(name);
-    report[PROGRAM_KEY] == PROGRAM
+    made.program == PROGRAM
         && std::fs::read_dir(folder).is_ok_and(|mut entries| {
             entries.all(|entry| entry.is_ok_and(|entry| entry.file_name().to_str().is_some_and(is_ours)))
         })

@@ -5,6 +5,7 @@ use super::diagnosis::{
     StatisticsReport, VerdictReport, directed_test_reports, observability_report, parameter_reports,
     scale_reports, standstill_reports, statistics_report, verdict_report,
 };
+use super::finding::{FindingReport, number};
 use super::folder::PROGRAM;
 use crate::diagnose::observability::Observability;
 use crate::diagnose::{Diagnosis, Verdict};
@@ -12,8 +13,9 @@ use crate::files::InputFile;
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
 use crate::problem::Problem;
-use crate::refine::{Adjustment, Body, BodyStrength, Order, RejectionReason, Tally};
-use serde::Serialize;
+use crate::refine::{Adjustment, Body, BodyStrength, CheckPoint, Order, RejectionReason, Round, Tally};
+use crate::words::{MotionFacts, ResultFacts, Warning};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use trackbundle_solver::Elimination;
 use trackbundle_solver::loss::Loss;
@@ -22,25 +24,29 @@ use trackbundle_solver::loss::Loss;
 pub const SCHEMA: u32 = 1;
 
 /// A file that was read.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct InputReport {
     /// Its name within the problem folder.
     pub file: String,
     /// Its length.
-    pub bytes: u64,
+    pub bytes: Option<u64>,
     /// SHA-256 of its bytes.
     pub sha256: String,
 }
 
 /// The report. Units stand in the names; else metres, seconds, degrees.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct Report {
     /// Version of this form; fields may be added without a new one.
     pub schema: u32,
     /// Always `trackbundle`: by this a folder is known as a result.
-    pub program: &'static str,
+    pub program: String,
     /// Version of the program.
-    pub version: &'static str,
+    pub version: String,
     /// Name of the problem.
     pub problem: String,
     /// The command, with what it was told of options that change numbers; `PROBLEM` is the problem folder.
@@ -48,21 +54,21 @@ pub struct Report {
     /// The files that it read.
     pub inputs: Vec<InputReport>,
     /// `converged`, `iteration_limit`, `stalled` or `initialised`.
-    pub status: &'static str,
+    pub status: String,
     /// Why the last round stopped, with the measured value.
     pub stop: String,
     /// Iterations of all rounds.
-    pub iterations: usize,
+    pub iterations: Option<usize>,
     /// Half the sum of rho at the start, under the last round's losses.
     pub initial_cost: Option<f64>,
     /// Half the sum of rho at the end.
     pub final_cost: Option<f64>,
     /// Rows that took part: two for each image point that is not rejected, and those of everything else.
-    pub observations: usize,
+    pub observations: Option<usize>,
     /// Numbers that were adjusted.
-    pub parameters: usize,
+    pub parameters: Option<usize>,
     /// Rows minus parameters.
-    pub redundancy: i64,
+    pub redundancy: Option<i64>,
     /// Standard deviation of unit weight a posteriori (a priori 1).
     pub sigma0: Option<f64>,
     /// Root mean square of the coordinates of all image points that are not gross errors.
@@ -72,7 +78,7 @@ pub struct Report {
     /// The same of targets alone.
     pub rms_target_px: Option<f64>,
     /// Gross errors among the image points.
-    pub outliers: usize,
+    pub outliers: Option<usize>,
     /// What became of all image points.
     pub image_points: Option<ImagePointsReport>,
     /// Image points whose computed place is behind the camera.
@@ -112,13 +118,17 @@ pub struct Report {
     /// Vehicles that were left out.
     pub left_out: Vec<String>,
     /// Wall time of each stage.
-    pub seconds: BTreeMap<&'static str, f64>,
-    /// What is odd.
+    pub seconds: BTreeMap<String, f64>,
+    /// What is odd, in sentences.
     pub warnings: Vec<String>,
+    /// The same for programs, in the same order.
+    pub findings: Vec<FindingReport>,
 }
 
 /// What became of the image points. `given` is the sum of all others.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct ImagePointsReport {
     /// All of the problem.
     pub given: usize,
@@ -127,12 +137,14 @@ pub struct ImagePointsReport {
     /// That took part with less than half of their weight.
     pub down_weighted: usize,
     /// That were rejected, by reason.
-    pub rejected: BTreeMap<&'static str, usize>,
+    pub rejected: BTreeMap<String, usize>,
 }
 
 /// How camera poses were found before the adjustment. Medians are over the frames that were resected;
 /// sigmas are those along and about the worst axis.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct ResectionReport {
     /// Frames whose pose was given.
     pub given: usize,
@@ -143,28 +155,40 @@ pub struct ResectionReport {
     /// Gross errors among the image points of control targets in resected frames.
     pub gross_errors: usize,
     /// By what image points of targets scatter more than their sigmas say, at least 1.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub spread: f64,
     /// Median number of control targets that took part.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub median_targets_used: f64,
     /// Median root mean square of the coordinates of residuals.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub median_rms_px: f64,
     /// Median standard deviation of a position.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub median_sigma_position_m: f64,
     /// Median standard deviation of an attitude.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub median_sigma_attitude_deg: f64,
     /// One for each frame without a given pose.
     pub frames: Vec<FrameResectionReport>,
 }
 
 /// How the camera pose of a frame was found.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct FrameResectionReport {
     /// Number of the frame.
     pub frame: i64,
     /// `resected` or `bridged`.
-    pub status: &'static str,
+    pub status: String,
     /// Why it was bridged.
-    pub reason: Option<&'static str>,
+    pub reason: Option<String>,
     /// Control targets in view.
     pub targets_seen: usize,
     /// Of these, what took part.
@@ -174,16 +198,22 @@ pub struct FrameResectionReport {
     /// Root mean square of the coordinates of residuals.
     pub rms_px: Option<f64>,
     /// Standard deviation of the position.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub sigma_position_m: f64,
     /// Standard deviation of the attitude.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub sigma_attitude_deg: f64,
 }
 
 /// The loss of image points.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct LossReport {
     /// Its name.
-    pub name: &'static str,
+    pub name: String,
     /// Its scale in standard deviations of an image point.
     pub scale_sigmas: Option<f64>,
     /// Barron's alpha.
@@ -191,12 +221,14 @@ pub struct LossReport {
 }
 
 /// The motion prior of a body: scatter of its mean acceleration over one second.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct MotionReport {
     /// `camera`, or `vehicle` and its id.
     pub body: String,
     /// What is white noise: `acceleration` or `jerk`.
-    pub white_noise: &'static str,
+    pub white_noise: String,
     /// Acceleration of the position, per axis.
     pub acceleration_mps2: Option<f64>,
     /// Of the attitude, per axis.
@@ -210,7 +242,9 @@ pub struct MotionReport {
 }
 
 /// A check point: intersected from the adjusted cameras minus surveyed.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct CheckPointReport {
     /// Id of the target.
     pub target: String,
@@ -233,50 +267,60 @@ pub struct CheckPointReport {
 }
 
 /// What the final least squares did.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct LeastSquaresReport {
     /// By what standard deviations of image points of vehicles were multiplied: 1 where they proved right.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub sigma_factor_vehicles: f64,
     /// The same of targets.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub sigma_factor_targets: f64,
     /// How far shape points in the world moved from the robust solution, root mean square.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub moved_rms_m: f64,
     /// The farthest.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub moved_largest_m: f64,
 }
 
 /// How the normal equations were eliminated.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct EliminationReport {
     /// The order.
-    pub order: &'static str,
+    pub order: String,
     /// Multiplications and additions of one factorisation.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub operations: f64,
 }
 
 /// One minimisation.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
 pub struct RoundReport {
     /// Its name.
-    pub name: &'static str,
+    pub name: String,
     /// Iterations of all rounds.
     pub iterations: usize,
     /// Half the sum of rho at the start, under the last round's losses.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub initial_cost: f64,
     /// Half the sum of rho at the end.
+    #[serde(deserialize_with = "number")]
+    #[cfg_attr(test, schemars(with = "Option<f64>"))]
     pub final_cost: f64,
     /// Why the last round stopped, with the measured value.
     pub stop: String,
-}
-
-impl MotionReport {
-    /// The power of the second in the unit of the strength, and the strength of position and attitude.
-    pub fn strength(&self) -> (u32, f64, f64) {
-        match (self.acceleration_mps2, self.angular_acceleration_degps2) {
-            (Some(linear), Some(angular)) => (2, linear, angular),
-            _ => (3, self.jerk_mps3.unwrap_or(0.0), self.angular_jerk_degps3.unwrap_or(0.0)),
-        }
-    }
 }
 
 fn of_order(order: Order, found: &BodyStrength, strength: f64) -> Option<f64> {
@@ -286,20 +330,20 @@ fn of_order(order: Order, found: &BodyStrength, strength: f64) -> Option<f64> {
 /// The report of an adjustment. Stages and their seconds, and warnings from before, are added.
 pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out: Vec<String>) -> Report {
     let [rms_vehicle_px, rms_target_px, rms_px] = adjustment.rms_px;
-    Report {
-        status: adjustment.stop.status(),
+    let mut report = Report {
+        status: adjustment.stop.status().to_owned(),
         stop: adjustment.stop.to_string(),
-        iterations: adjustment.iterations(),
+        iterations: Some(adjustment.iterations()),
         initial_cost: Some(adjustment.initial_cost),
         final_cost: Some(adjustment.final_cost),
-        observations: adjustment.observations,
-        parameters: adjustment.parameters,
-        redundancy: adjustment.redundancy,
+        observations: Some(adjustment.observations),
+        parameters: Some(adjustment.parameters),
+        redundancy: Some(adjustment.redundancy),
         sigma0: adjustment.sigma0,
         rms_px,
         rms_vehicle_px,
         rms_target_px,
-        outliers: adjustment.fits.outliers,
+        outliers: Some(adjustment.fits.outliers),
         image_points: Some(image_points(&adjustment.fits.tally)),
         behind_camera: adjustment.fits.behind_camera,
         not_used: adjustment.fits.not_used,
@@ -310,74 +354,73 @@ pub fn report_of_adjustment(problem: &Problem, adjustment: &Adjustment, left_out
             moved_largest_m: found.moved_m[1],
         }),
         loss: Some(loss_report(&adjustment.image_loss)),
-        motion: adjustment
-            .motion
-            .iter()
-            .map(|m| MotionReport {
-                body: match &m.body {
-                    Body::Camera => "camera".to_owned(),
-                    Body::Vehicle(id) => format!("vehicle {id}"),
-                },
-                white_noise: match m.order {
-                    Order::Acceleration => "acceleration",
-                    Order::Jerk => "jerk",
-                },
-                acceleration_mps2: of_order(Order::Acceleration, m, m.strength.linear),
-                angular_acceleration_degps2: of_order(
-                    Order::Acceleration,
-                    m,
-                    m.strength.angular.to_degrees(),
-                ),
-                jerk_mps3: of_order(Order::Jerk, m, m.strength.linear),
-                angular_jerk_degps3: of_order(Order::Jerk, m, m.strength.angular.to_degrees()),
-                estimated: m.is_estimated,
-            })
-            .collect(),
-        check_points: adjustment
-            .check_points
-            .iter()
-            .map(|check| CheckPointReport {
-                target: check.id.clone(),
-                dx: check.difference_m.map(|d| d.x),
-                dy: check.difference_m.map(|d| d.y),
-                dz: check.difference_m.map(|d| d.z),
-                sigma_dx: None,
-                sigma_dy: None,
-                sigma_dz: None,
-                chi_square: None,
-                probability: None,
-            })
-            .collect(),
-        elimination: Some(EliminationReport {
-            order: match adjustment.elimination.0 {
-                Elimination::JointBodies => "frames by what image points see of them, then shape and rest",
-                Elimination::SeparateBodies => "each vehicle with its shape, then cameras and the rest",
-                Elimination::AsDeclared => "frames along time, then shape and targets",
-                Elimination::MinimumDegree => "approximate minimum degree",
-            },
-            operations: adjustment.elimination.1,
-        }),
-        rounds: adjustment
-            .rounds
-            .iter()
-            .map(|round| RoundReport {
-                name: round.name,
-                iterations: round.records.len() - 1,
-                initial_cost: round.records[0].cost,
-                final_cost: round.records[round.records.len() - 1].cost,
-                stop: round.stop.to_string(),
-            })
-            .collect(),
+        motion: adjustment.motion.iter().map(motion_report).collect(),
+        check_points: adjustment.check_points.iter().map(check_point_report).collect(),
+        elimination: Some(elimination_report(adjustment.elimination)),
+        rounds: adjustment.rounds.iter().map(round_report).collect(),
         directed_tests: directed_test_reports(&adjustment.directed_tests),
-        warnings: adjustment.warnings.clone(),
         ..empty(problem, left_out)
+    };
+    adjustment.warnings.iter().for_each(|warning| report.warn(&warning.clone().into()));
+    report
+}
+
+fn motion_report(found: &BodyStrength) -> MotionReport {
+    let (linear, angular) = (found.strength.linear, found.strength.angular.to_degrees());
+    let white_noise = match found.order {
+        Order::Acceleration => "acceleration",
+        Order::Jerk => "jerk",
+    };
+    MotionReport {
+        body: match &found.body {
+            Body::Camera => "camera".to_owned(),
+            Body::Vehicle(id) => format!("vehicle {id}"),
+        },
+        white_noise: white_noise.to_owned(),
+        acceleration_mps2: of_order(Order::Acceleration, found, linear),
+        angular_acceleration_degps2: of_order(Order::Acceleration, found, angular),
+        jerk_mps3: of_order(Order::Jerk, found, linear),
+        angular_jerk_degps3: of_order(Order::Jerk, found, angular),
+        estimated: found.is_estimated,
+    }
+}
+
+fn check_point_report(check: &CheckPoint) -> CheckPointReport {
+    CheckPointReport {
+        target: check.id.clone(),
+        dx: check.difference_m.map(|d| d.x),
+        dy: check.difference_m.map(|d| d.y),
+        dz: check.difference_m.map(|d| d.z),
+        ..CheckPointReport::default()
+    }
+}
+
+fn elimination_report((rule, operations): (Elimination, f64)) -> EliminationReport {
+    let order = match rule {
+        Elimination::JointBodies => "frames by what image points see of them, then shape and rest",
+        Elimination::SeparateBodies => "each vehicle with its shape, then cameras and the rest",
+        Elimination::AsDeclared => "frames along time, then shape and targets",
+        Elimination::MinimumDegree => "approximate minimum degree",
+    };
+    EliminationReport { order: order.to_owned(), operations }
+}
+
+fn round_report(round: &Round) -> RoundReport {
+    RoundReport {
+        name: round.name.to_owned(),
+        iterations: round.records.len() - 1,
+        initial_cost: round.records[0].cost,
+        final_cost: round.records[round.records.len() - 1].cost,
+        stop: round.stop.to_string(),
     }
 }
 
 /// The report of a first estimate.
 pub fn report_of_initial(problem: &Problem, initial: &Initial, left_out: Vec<String>) -> Report {
     let resection = resection_report(problem, initial.resection.as_ref());
-    Report { warnings: initial.warnings.clone(), resection, ..empty(problem, left_out) }
+    let mut report = Report { resection, ..empty(problem, left_out) };
+    initial.warnings.iter().for_each(|warning| report.warn(&warning.clone().into()));
+    report
 }
 
 /// How camera poses were found.
@@ -393,8 +436,8 @@ pub fn resection_report(problem: &Problem, resection: Option<&Resection>) -> Opt
         let [sigma_position_m, sigma_attitude_rad] = found.largest_sigmas();
         Some(FrameResectionReport {
             frame: frame.number,
-            status,
-            reason,
+            status: status.to_owned(),
+            reason: reason.map(str::to_owned),
             targets_seen: found.seen,
             targets_used: found.used,
             gross_errors: found.gross,
@@ -420,45 +463,18 @@ pub fn resection_report(problem: &Problem, resection: Option<&Resection>) -> Opt
 fn empty(problem: &Problem, left_out: Vec<String>) -> Report {
     Report {
         schema: SCHEMA,
-        program: PROGRAM,
-        version: env!("CARGO_PKG_VERSION"),
+        program: PROGRAM.to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
         problem: problem.name.clone(),
-        command: String::new(),
-        inputs: Vec::new(),
-        status: "initialised",
+        status: "initialised".to_owned(),
         stop: "not adjusted".to_owned(),
-        iterations: 0,
-        initial_cost: None,
-        final_cost: None,
-        observations: 0,
-        parameters: 0,
-        redundancy: 0,
-        sigma0: None,
-        rms_px: None,
-        rms_vehicle_px: None,
-        rms_target_px: None,
-        outliers: 0,
-        image_points: None,
-        behind_camera: 0,
-        not_used: 0,
-        resection: None,
-        least_squares: None,
-        sigmas_are_upper_bounds: false,
-        observability: None,
-        verdict: None,
-        statistics: None,
-        scales: Vec::new(),
-        estimated: Vec::new(),
-        standstill: Vec::new(),
-        directed_tests: Vec::new(),
-        loss: None,
-        motion: Vec::new(),
-        check_points: Vec::new(),
-        elimination: None,
-        rounds: Vec::new(),
+        iterations: Some(0),
+        observations: Some(0),
+        parameters: Some(0),
+        redundancy: Some(0),
+        outliers: Some(0),
         left_out,
-        seconds: BTreeMap::new(),
-        warnings: Vec::new(),
+        ..Report::default()
     }
 }
 
@@ -467,7 +483,10 @@ fn image_points(tally: &Tally) -> ImagePointsReport {
         given: tally.all(),
         used: tally.used,
         down_weighted: tally.down_weighted,
-        rejected: RejectionReason::ALL.into_iter().map(|reason| (reason.name(), tally.of(reason))).collect(),
+        rejected: RejectionReason::ALL
+            .into_iter()
+            .map(|reason| (reason.name().to_owned(), tally.of(reason)))
+            .collect(),
     }
 }
 
@@ -480,10 +499,65 @@ fn loss_report(loss: &Loss) -> LossReport {
         Loss::GemanMcClure { scale } => ("geman-mcclure", Some(scale), None),
         Loss::Barron { shape, scale } => ("barron", Some(scale), Some(shape)),
     };
-    LossReport { name, scale_sigmas: scale, shape }
+    LossReport { name: name.to_owned(), scale_sigmas: scale, shape }
+}
+
+fn motion_facts(found: &MotionReport) -> MotionFacts<'_> {
+    MotionFacts {
+        body: &found.body,
+        white_noise: &found.white_noise,
+        strength: match found.white_noise.as_str() {
+            "jerk" => [found.jerk_mps3, found.angular_jerk_degps3],
+            _ => [found.acceleration_mps2, found.angular_acceleration_degps2],
+        },
+        is_estimated: found.estimated,
+    }
 }
 
 impl Report {
+    /// Adds a warning.
+    pub fn warn(&mut self, warning: &Warning) {
+        self.warnings.push(warning.to_string());
+        self.findings.push(FindingReport::new(warning));
+    }
+
+    /// Adds warnings from before, ahead of all others.
+    pub fn warn_before(&mut self, warnings: &[Warning]) {
+        self.warnings.splice(0..0, warnings.iter().map(ToString::to_string));
+        self.findings.splice(0..0, warnings.iter().map(FindingReport::new));
+    }
+
+    /// Adds the seconds that a stage took.
+    pub fn add_seconds(&mut self, stage: &str, seconds: f64) {
+        self.seconds.insert(stage.to_owned(), seconds);
+    }
+
+    /// What is told of it in more than one place.
+    pub fn facts(&self) -> ResultFacts<'_> {
+        let image_points = self.image_points.as_ref();
+        let loss = self.loss.as_ref();
+        ResultFacts {
+            status: &self.status,
+            stop: &self.stop,
+            iterations: self.iterations,
+            cost: [self.initial_cost, self.final_cost],
+            rows: self.observations,
+            parameters: self.parameters,
+            redundancy: self.redundancy,
+            sigma0: self.sigma0,
+            rms_px: [self.rms_px, self.rms_vehicle_px, self.rms_target_px],
+            gross: self.outliers,
+            image_points: [image_points.map(|p| p.given), image_points.map(|p| p.used)],
+            loss: (loss.map_or("", |loss| loss.name.as_str()), loss.and_then(|loss| loss.scale_sigmas)),
+            motion: self.motion.iter().map(motion_facts).collect(),
+            check_points: self
+                .check_points
+                .iter()
+                .map(|check| (check.target.as_str(), [check.dx, check.dy, check.dz]))
+                .collect(),
+        }
+    }
+
     /// Adds what measurements leave open of a first estimate.
     pub fn add_observability(&mut self, found: &Observability) {
         self.observability = Some(observability_report(found));
@@ -511,7 +585,7 @@ impl Report {
         self.command = command;
         let report = |InputFile { file, bytes, sha256 }: &InputFile| InputReport {
             file: file.clone(),
-            bytes: *bytes,
+            bytes: Some(*bytes),
             sha256: sha256.clone(),
         };
         self.inputs = inputs.iter().map(report).collect();
@@ -519,7 +593,7 @@ impl Report {
 
     /// The verdict and what it rests on as a document to read.
     pub fn document(&self) -> String {
-        super::document(&serde_json::to_value(self).expect("plain data"))
+        super::document(self)
     }
 
     /// Its text, as it stands in the folder.
@@ -527,5 +601,49 @@ impl Report {
         let mut text = serde_json::to_string_pretty(self).expect("plain data");
         text.push('\n');
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::refine::AdjustmentWarning;
+    use crate::report::diagnosis::Sigma;
+
+    #[test]
+    fn the_schema_is_that_of_the_types() {
+        let wanted = serde_json::to_value(schemars::schema_for!(Report)).unwrap();
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/report.schema.json");
+        if std::env::var_os("WRITE_SCHEMA").is_some() {
+            std::fs::write(&file, format!("{wanted:#}\n")).unwrap();
+        }
+        let found: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+        assert!(found == wanted, "run this test with WRITE_SCHEMA=1, and commit {}", file.display());
+    }
+
+    #[test]
+    fn what_is_written_is_read_back_as_it_was() {
+        let mut report = Report { iterations: Some(7), sigma0: Some(1.25), ..Report::default() };
+        report.warn(&AdjustmentWarning::BehindCamera { image_points: 3 }.into());
+        report.warn_before(&[Warning::Input("problem.toml:3: odd".to_owned())]);
+        let scale = ScaleReport { sigma: Some(Sigma(f64::INFINITY)), ..ScaleReport::default() };
+        report.scales.push(scale);
+        let read: Report = serde_json::from_str(&report.to_json()).unwrap();
+        assert_eq!(read, report);
+        let codes: Vec<&str> = read.findings.iter().map(|found| found.code.as_str()).collect();
+        assert_eq!(codes, ["input", "behind_camera"]);
+        assert_eq!(read.findings[1].value, Some(3.0));
+        assert!(read.warnings.iter().zip(&read.findings).all(|(text, found)| *text == found.text));
+    }
+
+    #[test]
+    fn a_report_of_an_older_version_is_read() {
+        let text = r#"{"schema": 1, "program": "trackbundle", "unheard_of": 1, "rms_px": null,
+            "rounds": [{"name": "final", "final_cost": null}], "scales": [{"sigma": "inf", "shares": {"a": null}}],
+            "estimated": [{"name": "cx_px"}], "verdict": {"trust": "yes", "reasons": []}}"#;
+        let report: Report = serde_json::from_str(text).unwrap();
+        assert_eq!((report.iterations, report.rms_px, report.findings.len()), (None, None, 0));
+        assert!(report.rounds[0].final_cost.is_nan() && report.estimated[0].observable);
+        assert_eq!(report.scales[0].sigma, Some(Sigma(f64::INFINITY)));
     }
 }

@@ -5,21 +5,21 @@ mod diagnosis;
 mod document;
 mod evaluation;
 mod exports;
+mod finding;
 pub mod folder;
 mod json;
-mod page;
 mod rounding;
 mod study;
 mod tables;
 
 pub use cloud::cloud_with_scalars;
 pub use cloud::distance_clouds;
+pub use diagnosis::{ParameterReport, ScaleReport, Sigma};
 pub use document::document;
 pub use evaluation::{EvaluationReport, evaluation_report};
 pub use exports::exports;
+pub use finding::FindingReport;
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
-pub use page::{PageInput, changed_inputs, page};
-pub use rounding::grouped;
 pub use study::{StudyReport, plan_table, study_files};
 pub use tables::{result_tables, start_residuals_table, states_table, targets_table};
 

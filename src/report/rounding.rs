@@ -18,20 +18,6 @@ pub fn metres(value: f64) -> f64 {
     round(value, METRE)
 }
 
-/// A number with its thousands set apart.
-pub fn grouped(number: impl ToString, separator: char) -> String {
-    let digits = number.to_string();
-    let (sign, digits) = digits.split_at(usize::from(digits.starts_with('-')));
-    let mut text = sign.to_owned();
-    for (at, digit) in digits.chars().enumerate() {
-        if at > 0 && (digits.len() - at).is_multiple_of(3) {
-            text.push(separator);
-        }
-        text.push(digit);
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

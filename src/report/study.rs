@@ -2,7 +2,6 @@
 
 use super::File;
 use super::folder::{PROGRAM, PROGRAM_KEY};
-use super::page::study_page;
 use crate::study::plan::Choice;
 use crate::study::summary::{name, number, table, without_result};
 use crate::study::{Outcome, Study, told};
@@ -22,8 +21,8 @@ pub struct StudyReport<'a> {
     pub plan: Option<(&'a [Choice], Option<usize>)>,
 }
 
-/// The files of the folder.
-pub fn study_files(report: &StudyReport) -> Vec<File> {
+/// The files of the folder; `page` is its page for people.
+pub fn study_files(report: &StudyReport, page: String) -> Vec<File> {
     let StudyReport { study, outcomes, command, plan } = *report;
     let (header, rows) = table(study, outcomes);
     let mut files = vec![("cells.csv".to_owned(), written(&header, rows))];
@@ -31,7 +30,6 @@ pub fn study_files(report: &StudyReport) -> Vec<File> {
         let (header, rows) = plan_table(study, choices, cheapest);
         files.push(("plan.csv".to_owned(), written(&header, rows)));
     }
-    let page = study_page(report);
     files.push(("report.html".to_owned(), page.into_bytes()));
     let summary = json!({
         PROGRAM_KEY: PROGRAM,

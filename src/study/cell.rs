@@ -1,7 +1,7 @@
 //! One cell: what its standard deviations will be, and what a run of its Monte Carlo is off by.
 
 use crate::cloud::CloudIndex;
-use crate::diagnose::{Influence, Quantity, expectation, source_name};
+use crate::diagnose::{Influence, Quantity, expectation, source_key};
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::initialise::{Method, initialise};
 use crate::problem::Problem;
@@ -72,7 +72,7 @@ pub fn predict(scenario: &Scenario) -> Result<(Prediction, Prepared), String> {
     }
     if let Some(gap) = camera_gap(problem) {
         // Standard deviations would be those of a world in which starting poses are right.
-        return Err(gap);
+        return Err(gap.to_string());
     }
     let (network, truth) = expected(problem, &exact.truth, MotionPriors::ESTIMATED);
     let found = expectation(problem, &truth, &network).map_err(|error| error.to_string())?;
@@ -113,7 +113,7 @@ pub fn predict(scenario: &Scenario) -> Result<(Prediction, Prepared), String> {
         let of = |quantity: Quantity| -> Vec<(String, f64)> {
             let is_it = |i: &&Influence| i.vehicle == at && i.quantity == quantity;
             let shares = found.influences.iter().find(is_it).map(|i| i.shares.as_slice()).unwrap_or_default();
-            shares.iter().map(|(source, share)| (source_name(*source).to_owned(), *share)).collect()
+            shares.iter().map(|(source, share)| (source_key(*source).to_owned(), *share)).collect()
         };
         prediction.factors.push(Quantity::ALL.map(of).to_vec());
     }
@@ -148,7 +148,7 @@ impl Prepared {
         let mut errors = RunErrors::default();
         for vehicle in 0..video.problem.vehicles.len() {
             if let Some(why) = &adjusted.estimate.vehicles[vehicle].left_out {
-                return Err(why.clone());
+                return Err(why.to_string());
             }
             self.add_errors(vehicle, &video, &adjusted.estimate, &mut errors)
                 .ok_or("too little of a vehicle was found to compare")?;

@@ -124,37 +124,20 @@ pub struct Resection {
 }
 
 /// No camera pose can be had.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NotResectable {
     /// No frame sees three control points.
-    #[error(
-        "no camera pose can be determined: a frame needs three control targets with three known coordinates in view, and none sees more than {most} (one target leaves the attitude and the distance open, two a turn about the line through them)"
-    )]
     TooFew {
         /// The most that a frame sees.
         most: usize,
     },
     /// In every frame the control points are on a line.
-    #[error(
-        "no camera pose can be determined: in every frame the control targets in view lie (nearly) on one line, and the rotation of the camera about that line is open"
-    )]
     OnALine,
     /// In every frame they are poorly spread.
-    #[error(
-        "no camera pose can be determined: the control targets in view are so poorly spread in every frame that the camera is not known to {} m and {:.0} degree",
-        RULES.most_sigma[0],
-        RULES.most_sigma[1].to_degrees()
-    )]
     PoorlySpread,
     /// In every frame several poses fit.
-    #[error(
-        "no camera pose can be determined: in every frame several poses fit the control targets in view (three of them allow up to four); a fourth in some frames would decide"
-    )]
     Ambiguous,
     /// In no frame do enough of them agree.
-    #[error(
-        "no camera pose can be determined: in no frame do most of the control targets in view agree on a pose: are coordinates, ids or the interior orientation those of another problem?"
-    )]
     Contradictory,
 }
 

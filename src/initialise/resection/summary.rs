@@ -2,6 +2,7 @@
 
 use super::frame::largest_sigmas;
 use super::{BridgeReason, FrameResection, Resection, Status};
+use crate::initialise::InitialWarning;
 use crate::problem::Frame;
 use crate::stats::quantile::upper_median;
 
@@ -61,17 +62,6 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl BridgeReason {
-    /// In words that follow a number of targets.
-    pub fn words(self) -> &'static str {
-        match self {
-            BridgeReason::TooFew => "in view",
-            BridgeReason::OnALine => "in view, nearly on one line",
-            BridgeReason::PoorlySpread => "in view, too poorly spread",
-            BridgeReason::Ambiguous => "in view, which several poses fit",
-            BridgeReason::Contradictory => "in view, which do not agree on a pose",
-        }
-    }
-
     /// In one word, for tables.
     pub fn name(self) -> &'static str {
         match self {
@@ -84,8 +74,8 @@ impl BridgeReason {
     }
 }
 
-/// What is odd about a resection: one line for each run of bridged frames, for so many as can be read.
-pub fn warnings(resection: &Resection, frames: &[Frame]) -> Vec<String> {
+/// What is odd about a resection: one warning for each run of bridged frames, for so many as can be read.
+pub fn warnings(resection: &Resection, frames: &[Frame]) -> Vec<InitialWarning> {
     let mut runs: Vec<(BridgeReason, std::ops::Range<usize>)> = Vec::new();
     for (at, frame) in resection.frames.iter().enumerate() {
         let Status::Bridged(reason) = frame.status else { continue };
@@ -94,7 +84,7 @@ pub fn warnings(resection: &Resection, frames: &[Frame]) -> Vec<String> {
             _ => runs.push((reason, at..at + 1)),
         }
     }
-    let mut lines: Vec<String> = Vec::new();
+    let mut warnings = Vec::new();
     // The longest runs are named, in the order of time.
     let mut by_length: Vec<usize> = (0..runs.len()).collect();
     by_length.sort_by_key(|&k| std::cmp::Reverse(runs[k].1.len()));
@@ -103,33 +93,21 @@ pub fn warnings(resection: &Resection, frames: &[Frame]) -> Vec<String> {
     for (reason, run) in by_length.iter().map(|&k| &runs[k]) {
         let seen = resection.frames[run.clone()].iter().map(|f| f.seen);
         let (least, most) = (seen.clone().min().unwrap_or(0), seen.max().unwrap_or(0));
-        let targets = match (least, most) {
-            (0, 0) => "no control target".to_owned(),
-            (1, 1) => "1 control target".to_owned(),
-            _ if least == most => format!("{least} control targets"),
-            _ => format!("{least} to {most} control targets"),
-        };
         let sigma_m = resection.frames[run.clone()].iter().map(|f| f.largest_sigmas()[0]).fold(0.0, f64::max);
-        let (first, last) = (frames[run.start].number, frames[run.end - 1].number);
-        let which = if first == last { format!("frame {first}") } else { format!("frames {first}-{last}") };
-        lines.push(format!(
-            "camera pose of {which}: {targets} {}; bridged from the frames beside (to about {sigma_m:.2} m)",
-            reason.words()
-        ));
+        warnings.push(InitialWarning::Bridged {
+            reason: *reason,
+            frames: [frames[run.start].number, frames[run.end - 1].number],
+            targets: [least, most],
+            sigma_m,
+        });
     }
     if runs.len() > MOST_RUNS {
         let rest: usize = runs.iter().map(|(_, run)| run.len()).sum::<usize>()
             - by_length.iter().map(|&k| runs[k].1.len()).sum::<usize>();
-        lines.push(format!(
-            "camera poses of {rest} more frames in {} shorter gaps were bridged likewise",
-            runs.len() - MOST_RUNS
-        ));
+        warnings.push(InitialWarning::MoreBridged { frames: rest, gaps: runs.len() - MOST_RUNS });
     }
     if resection.spread > 1.0 {
-        lines.push(format!(
-            "image points of targets scatter {:.1} times as much as their sigmas say",
-            resection.spread
-        ));
+        warnings.push(InitialWarning::TargetsScatter { factor: resection.spread });
     }
-    lines
+    warnings
 }

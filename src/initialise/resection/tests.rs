@@ -91,7 +91,8 @@ fn frames_that_see_too_little_are_bridged_and_named() {
         );
     }
     assert!(video.worst_m(&resection) < 0.5, "{}", video.worst_m(&resection));
-    let lines = warnings(&resection, &frames(60));
+    let found = warnings(&resection, &frames(60));
+    let lines: Vec<String> = found.iter().map(ToString::to_string).collect();
     assert_eq!(lines.len(), 2, "{lines:?}");
     assert!(lines[0].contains("frames 120-129: 2 control targets in view; bridged"), "{lines:?}");
     assert!(lines[1].contains("frame 159: no control target in view"), "{lines:?}");

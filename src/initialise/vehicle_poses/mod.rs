@@ -12,7 +12,9 @@ pub mod plane_adjustment;
 pub mod plane_motion;
 pub mod static_tracks;
 
+use super::warnings::InitialWarning;
 use crate::camera::Camera;
+use crate::estimate::LeftOut;
 use crate::geometry::{Pose, heading_rad};
 use crate::problem::{Frame, Vehicle};
 use crate::rules::rules;
@@ -20,7 +22,7 @@ use crate::stats::quantile::upper_median;
 use crate::terrain::{Ground, Terrain};
 use body_axes::{Heading, place_body, scatter};
 use forward::{Foot, feet};
-use motion_program::{Bound, Excess, Limits};
+use motion_program::{Bound, Excess, Limits, NoMotion};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use plane_adjustment::{KnownHeight, Pattern};
 use plane_motion::{PlanePose, chain};
@@ -80,7 +82,7 @@ pub struct FoundPoses {
     /// As it was found, where one is given too, in the body frame of those that are given.
     pub found: Vec<Option<Pose>>,
     /// What is odd.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<InitialWarning>,
 }
 
 impl FoundPoses {
@@ -90,31 +92,17 @@ impl FoundPoses {
     }
 }
 
-/// Why poses cannot be found.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoPoses {
-    /// There is no ground.
-    #[error("it has no starting poses, and there is no terrain to find them on")]
-    NoTerrain,
-    /// It is never seen.
-    #[error("it is never seen")]
-    NeverSeen,
-    /// No ray meets the ground.
-    #[error("it has no starting poses, and none of its {rays} rays meets the terrain")]
-    AllMiss {
-        /// How many rays there are.
-        rays: usize,
-    },
-    /// No frame has two points.
-    #[error("it has no starting poses, and no frame shows two of its points on the terrain")]
-    TooFewPoints,
-    /// The cone program was not solved.
-    #[error("it has no starting poses, and its motion was not found: {0}")]
-    NoMotion(#[from] motion_program::NoMotion),
+impl From<NoMotion> for LeftOut {
+    fn from(why: NoMotion) -> Self {
+        match why {
+            NoMotion::NoData => LeftOut::NoPositions,
+            NoMotion::NotSolved => LeftOut::MotionNotSolved,
+        }
+    }
 }
 
-/// Finds the poses of `vehicle` in all frames of its span. Poses that are given fix its frame, and are
-/// returned as they are.
+/// Finds the poses of `vehicle` in all frames of its span, or says why they cannot be found. Poses that are
+/// given fix its frame, and are returned as they are.
 pub fn find_poses(
     vehicle: &Vehicle,
     frames: &[Frame],
@@ -122,9 +110,9 @@ pub fn find_poses(
     camera_poses: &[Pose],
     terrain: &Terrain,
     bounds: &MotionBounds,
-) -> Result<FoundPoses, NoPoses> {
+) -> Result<FoundPoses, LeftOut> {
     if vehicle.observations.is_empty() {
-        return Err(NoPoses::NeverSeen);
+        return Err(LeftOut::NeverSeen);
     }
     let mut warnings = Vec::new();
     let pattern = find_pattern(vehicle, frames.len(), camera, camera_poses, terrain)?;
@@ -135,10 +123,7 @@ pub fn find_poses(
     let has_given = align_to_given(&mut plane, vehicle);
     let guessed = |frame: usize| matches!(bodies[pattern.part[frame]], Some((_, Heading::Guess)));
     if !has_given && plane.iter().enumerate().any(|(frame, pose)| pose.is_some() && guessed(frame)) {
-        warnings.push(format!(
-            "vehicle {}: it hardly moves: its heading is that of its long axis and may be half a turn wrong",
-            vehicle.id
-        ));
+        warnings.push(InitialWarning::HeadingGuessed { vehicle: vehicle.id.clone() });
     }
     unwrap_headings(&mut plane);
 
@@ -179,7 +164,7 @@ pub fn find_poses(
     let heading = motion_program::fit::<1>(&times, &headings, &of_heading)?;
     let excesses =
         place.excesses.iter().map(|e| (e, false)).chain(heading.excesses.iter().map(|e| (e, true)));
-    warnings.extend(excesses.map(|(excess, turns)| tell(vehicle, excess, turns, bounds)));
+    warnings.extend(excesses.map(|(excess, turns)| beyond(vehicle, excess, turns, bounds)));
 
     let mut found = vec![None; frames.len()];
     let mut ground: Option<Ground> = None;
@@ -188,7 +173,9 @@ pub fn find_poses(
         let [x, y] = place.values[at];
         // Beyond the edge of the terrain it goes on level with where it was last known.
         ground = terrain.at(x, y).ok().or(ground).or(first);
-        let Some(ground) = ground else { return Err(NoPoses::AllMiss { rays: vehicle.observations.len() }) };
+        let Some(ground) = ground else {
+            return Err(LeftOut::RaysMissTerrain { rays: vehicle.observations.len() });
+        };
         found[frame] = Some(stand(Vector2::new(x, y), heading.values[at][0], &ground));
     }
     let poses =
@@ -232,7 +219,7 @@ fn find_pattern(
     camera: &Camera,
     camera_poses: &[Pose],
     terrain: &Terrain,
-) -> Result<Pattern, NoPoses> {
+) -> Result<Pattern, LeftOut> {
     let mut known: Vec<Option<KnownHeight>> = vehicle
         .points
         .iter()
@@ -253,12 +240,12 @@ fn find_pattern(
     };
     met.retain(|foot| !is_left[foot.point]);
     if met.is_empty() {
-        return Err(NoPoses::AllMiss { rays: vehicle.observations.len() });
+        return Err(LeftOut::RaysMissTerrain { rays: vehicle.observations.len() });
     }
     let adjusted = |met: &[Foot], heights: &[f64], known: &[Option<KnownHeight>], round: usize| {
         let links = chain(met, frames, vehicle.points.len(), RULES.foot_slack_m[round]);
         if links.patterns.is_empty() {
-            return Err(NoPoses::TooFewPoints);
+            return Err(LeftOut::TooFewOnTerrain);
         }
         let mut pattern = Pattern::new(&links, heights, known, mean_m);
         pattern.adjust(met, heights, RULES.foot_reach_factor[round]);
@@ -323,18 +310,18 @@ fn unwrap_headings(plane: &mut [Option<PlanePose>]) {
     }
 }
 
-fn tell(vehicle: &Vehicle, excess: &Excess, turns: bool, bounds: &MotionBounds) -> String {
-    let [from, to] = excess.time_s;
-    let (name, reached, limit, unit) = match (excess.bound, turns) {
-        (Bound::Rate, false) => ("speed", excess.reached, bounds.speed_mps, "m/s"),
-        (Bound::Rate, true) => {
-            ("rate of turn", excess.reached.to_degrees(), bounds.turn_rad_per_s.to_degrees(), "deg/s")
-        }
-        (Bound::Acceleration, _) => ("acceleration", excess.reached, bounds.acceleration_mps2, "m/s^2"),
+fn beyond(vehicle: &Vehicle, excess: &Excess, turns: bool, bounds: &MotionBounds) -> InitialWarning {
+    let limit = match (excess.bound, turns) {
+        (Bound::Rate, false) => bounds.speed_mps,
+        (Bound::Rate, true) => bounds.turn_rad_per_s,
+        (Bound::Acceleration, _) => bounds.acceleration_mps2,
     };
-    format!(
-        "vehicle {}: from {from:.2} s to {to:.2} s its image points demand a {name} of {reached:.1} {unit}, \
-         beyond the bound of {limit:.1} {unit}",
-        vehicle.id
-    )
+    InitialWarning::BeyondBounds {
+        vehicle: vehicle.id.clone(),
+        time_s: excess.time_s,
+        bound: excess.bound,
+        turns,
+        reached: excess.reached,
+        limit,
+    }
 }

@@ -82,13 +82,11 @@ pub struct Motion<const D: usize> {
 }
 
 /// Why there is no motion.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoMotion {
     /// No time has a datum.
-    #[error("no frame has a position")]
     NoData,
     /// The solver stopped early.
-    #[error("the cone program of the motion was not solved")]
     NotSolved,
 }
 

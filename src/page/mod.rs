@@ -19,10 +19,9 @@ mod track;
 use crate::evaluate::Evaluation;
 use crate::files::{InputFile, ResultResiduals, ResultTracks};
 use crate::problem::Problem;
+use crate::report::Report;
 use content::{Headline, Section};
-use facts::Facts;
 pub use facts::changed_inputs;
-use serde_json::Value;
 pub use study::study_page;
 
 /// So many vehicles get figures; the others are in the tables.
@@ -40,7 +39,7 @@ pub struct PageInput<'a> {
     /// Its files as they are now.
     pub inputs: &'a [InputFile],
     /// `report.json` of the result.
-    pub report: &'a Value,
+    pub report: &'a Report,
     /// Image residuals of the first estimate.
     pub start: Option<&'a ResultResiduals>,
     /// Image residuals of the result.
@@ -55,13 +54,13 @@ pub struct PageInput<'a> {
 
 /// The page.
 pub fn page(input: &PageInput) -> String {
-    let facts = Facts(input.report);
-    let recorded = input.report.pointer("/command").and_then(Value::as_str).filter(|text| !text.is_empty());
+    let report = input.report;
+    let recorded = Some(report.command.as_str()).filter(|text| !text.is_empty());
 
     let mut sections = vec![
-        facts::verdict(facts, input.warnings),
-        facts::inputs(facts, [recorded.unwrap_or("not recorded"), input.command], input.inputs),
-        facts::adjusted(facts),
+        facts::verdict(report, input.warnings),
+        facts::inputs(report, [recorded.unwrap_or("not recorded"), input.command], input.inputs),
+        facts::adjusted(report),
     ];
     sections.push(match input.problem {
         Some(problem) => residuals::section(problem, input.start, input.end),
@@ -73,7 +72,7 @@ pub fn page(input: &PageInput) -> String {
         }
     });
     sections.push(control(input));
-    sections.push(facts::interior(facts, input.problem));
+    sections.push(facts::interior(report, input.problem));
     sections.push(tracks(input));
     sections.push(shapes(input));
     render(input.name, &REPORT, &headlines(input), &sections)
@@ -121,7 +120,7 @@ fn control(input: &PageInput) -> Section {
         (Some(problem), Some(end)) => section.table(residuals::by_target(problem, end)),
         _ => section.empty("Image residuals of targets are not known."),
     }
-    facts::check_points(&mut section, Facts(input.report));
+    facts::check_points(&mut section, input.report);
     section
 }
 

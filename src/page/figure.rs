@@ -1,6 +1,6 @@
 //! Diagrams as SVG: axes with units, and marks that stay apart in grey.
 
-use super::content::decimal;
+use crate::words::format::decimal;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};

@@ -10,7 +10,7 @@ fn tiny() -> Problem {
 
 fn input<'a>(
     problem: &'a Problem,
-    report: &'a Value,
+    report: &'a Report,
     evaluation: &'a Evaluation,
     empty: &'a ResultTracks,
 ) -> PageInput<'a> {
@@ -31,7 +31,7 @@ fn input<'a>(
 #[test]
 fn every_part_is_there_and_an_empty_one_says_why() {
     let (problem, empty) = (tiny(), ResultTracks::default());
-    let (report, evaluation) = (Value::Null, Evaluation::default());
+    let (report, evaluation) = (Report::default(), Evaluation::default());
     let html = page(&input(&problem, &report, &evaluation, &empty));
     for part in ["verdict", "inputs", "adjusted", "residuals", "control", "interior", "track", "shape"] {
         assert_eq!(html.matches(&format!("href=\"#{part}\"")).count().min(1), 1, "{part} in the contents");
@@ -97,6 +97,7 @@ fn what_a_report_says_is_told() {
         "estimated": [{"name": "cx_px", "of": null, "before": 1.0, "value": 2.0, "sigma": 0.5, "observable": true,
                        "effect_m": 0.031, "correlations": {"cy_px": 0.97}}],
     });
+    let report: Report = serde_json::from_value(report).unwrap();
     let (problem, empty) = (tiny(), ResultTracks::default());
     let evaluation = Evaluation::default();
     let warnings = ["twice".to_owned(), "once".to_owned()];
@@ -116,7 +117,7 @@ fn what_a_report_says_is_told() {
         assert!(html.contains(told), "{told}");
     }
     let mut section = Section::new("control", "Control and check points");
-    facts::check_points(&mut section, Facts(&report));
+    facts::check_points(&mut section, &report);
     let table = serde_json::to_string(&section).unwrap();
     assert!(table.contains("[\"T1\",\"1.2\u{a0}cm\",\"\u{2013}\",\"\u{2212}50.0\u{a0}cm\""), "{table}");
     assert_eq!(changed_inputs(&report, &[]), ["problem.toml"]);

@@ -212,20 +212,3 @@ pub struct Headline {
     /// Where the rest stands.
     pub link: &'static str,
 }
-
-/// Metres in centimetres, with their unit.
-pub fn cm(metres: f64) -> String {
-    format!("{}\u{a0}cm", decimal(100.0 * metres, 1))
-}
-
-/// Metres in centimetres, where they are known.
-pub fn cm_or_dash(metres: Option<f64>) -> String {
-    metres.map_or("\u{2013}".to_owned(), cm)
-}
-
-/// A number with so many digits, with a true minus and no negative zero.
-pub fn decimal(value: f64, digits: usize) -> String {
-    let text = format!("{value:.digits$}");
-    let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
-    if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
-}

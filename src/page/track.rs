@@ -1,11 +1,12 @@
 //! A track against its GNSS reference: Table 1 and Figures 3 to 5 of the literature.
 
-use super::content::{Headline, Section, Table, cm, cm_or_dash, decimal};
+use super::content::{Headline, Section, Table};
 use super::figure::{Figure, Layer, colour};
 use crate::evaluate::VehicleEvaluation;
 use crate::evaluate::statistics::DifferenceStatistics;
 use crate::files::TrackPosition;
 use crate::stats::quantile::{median, quantile};
+use crate::words::format::{DASH, cm, cm_or_dash, decimal};
 use nalgebra::Point3;
 
 /// 95 % of a normal distribution lie within so many standard deviations of one axis.
@@ -111,7 +112,7 @@ fn table_1(found: &VehicleEvaluation) -> Table {
     let track = &found.track;
     let [x, y, _] = &track.axes_m;
     let speed = track.speed_mps.as_ref();
-    let mps = |value: Option<f64>| value.map_or("\u{2013}".to_owned(), |v| format!("{} m/s", decimal(v, 3)));
+    let mps = |value: Option<f64>| value.map_or(DASH.to_owned(), |v| format!("{} m/s", decimal(v, 3)));
     let values = [
         cm(x.median),
         cm(x.mad),

@@ -1,10 +1,11 @@
 //! Image residuals before and after: scatter, histogram, over the image, over time.
 
-use super::content::{Section, Table, decimal};
+use super::content::{Section, Table};
 use super::figure::{Figure, Layer, colour};
 use crate::files::{ResultResidual, ResultResiduals};
 use crate::problem::{Problem, Role};
 use crate::stats::quantile::quantile;
+use crate::words::format::decimal;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 

@@ -1,9 +1,10 @@
 //! A shape against its scan: Figures 6 to 8 of the literature.
 
-use super::content::{Headline, Section, Table, cm, cm_or_dash, decimal};
+use super::content::{Headline, Section, Table};
 use super::figure::{Figure, Layer, colour};
 use crate::cloud::DistanceStatistics;
 use crate::evaluate::shape::{BEYOND_M, ShapeComparison};
+use crate::words::format::{DASH, FIXED_SPACE, cm, cm_or_dash, decimal, percent_of};
 use nalgebra::{Point3, Vector3};
 use plotters::style::RGBColor;
 use std::collections::HashMap;
@@ -29,7 +30,7 @@ pub fn headline(found: &ShapeComparison) -> Headline {
     let all = &found.to_scan;
     Headline {
         name: format!("Shape of {}", found.vehicle),
-        value: format!("{} %", decimal(100.0 * all.within[2], 1)),
+        value: percent_of(all.within[2], 1, " "),
         meaning: "of its points are within 5 cm of the scan".to_owned(),
         more: format!(
             "median {}, 95 % within {}; {} points, {} of them farther than {:.0} cm from any of the scan; registered {}",
@@ -104,7 +105,7 @@ fn distances(found: &ShapeComparison) -> Table {
         ],
     );
     let mut add = |name: &str, s: &DistanceStatistics| {
-        let percent = |share: f64| format!("{}\u{a0}%", decimal(100.0 * share, 1));
+        let percent = |share: f64| percent_of(share, 1, FIXED_SPACE);
         table.row([
             name.to_owned(),
             s.count.to_string(),
@@ -139,8 +140,8 @@ fn truth(found: &ShapeComparison) -> Option<Table> {
             cm(s.median_m),
             cm(s.rms_m),
             cm_or_dash(Some(s.percentiles_m[3])),
-            format!("{} %", decimal(100.0 * s.within[2], 1)),
-            scale.map_or("\u{2013}".to_owned(), |v| decimal(v, 5)),
+            percent_of(s.within[2], 1, " "),
+            scale.map_or(DASH.to_owned(), |v| decimal(v, 5)),
         ]);
     }
     Some(table)

@@ -1,13 +1,14 @@
 //! The page of a study or of a plan.
 
-use super::content::{Block, Grid, GridCell, GridRow, Headline, Section, Table, decimal};
+use super::content::{Block, Grid, GridCell, GridRow, Headline, Section, Table};
 use super::figure::{Figure, Layer, colour};
 use super::{Told, render};
 use crate::diagnose::Quantity;
-use crate::report::study::StudyReport;
+use crate::report::StudyReport;
 use crate::study::plan::Choice;
 use crate::study::summary::{Row, effects, name, rows, without_result};
 use crate::study::{Cell, Study, told};
+use crate::words::format::{FIXED_SPACE, decimal, percent_of};
 use std::collections::HashMap;
 
 /// So many grids of one quantity are shown; the others are in the table.
@@ -361,9 +362,7 @@ impl<'a> View<'a> {
                 &["cell", "vehicle", "within", "share", "spread"],
             );
             for row in shares {
-                let percent = |v: Option<f64>| {
-                    v.map_or_else(String::new, |v| format!("{}\u{a0}%", decimal(100.0 * v, 1)))
-                };
+                let percent = |v: Option<f64>| v.map_or_else(String::new, |v| percent_of(v, 1, FIXED_SPACE));
                 let cell = &self.cells[row.cell];
                 table.row([
                     study.told(cell),
