@@ -39,7 +39,7 @@ fn longer() -> Problem {
 /// The normal matrix of a network, dense, from products with unit vectors; held numbers have 1.
 fn dense_normal(network: &Network) -> DMatrix<f64> {
     let system = &network.model.system;
-    let n = system.pattern().size();
+    let n = system.size();
     let mut normal = DMatrix::zeros(n, n);
     for group in groups(network) {
         let mut jacobian = DMatrix::zeros(system.rows(group), n);
@@ -65,7 +65,7 @@ fn groups(network: &Network) -> Vec<GroupId> {
 /// Gradient of a function of the unknowns by central differences through the solver's own update.
 fn gradient(network: &Network, function: &dyn Fn(&Values) -> f64) -> DVector<f64> {
     let system = &network.model.system;
-    let n = system.pattern().size();
+    let n = system.size();
     DVector::from_fn(n, |at, _| {
         let moved = |by: f64| {
             let mut step = vec![0.0; n];
