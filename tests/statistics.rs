@@ -121,7 +121,7 @@ fn repetition(film: &Film, seed: u64) -> Repetition {
     let variance = adjustment.sigma0.unwrap().powi(2);
     let mut covariance = Covariance::new(&network.model.system, &network.values).unwrap();
     let rng = &mut ChaCha8Rng::seed_from_u64(seed + 1_000_000);
-    let n = network.model.system.pattern().size();
+    let n = network.model.system.size();
     let mut squared = |of: &mut dyn FnMut(&mut Function<'_>) -> f64| {
         let mut function = Function { network, gradient: vec![0.0; n] };
         let error = of(&mut function);
