@@ -74,7 +74,7 @@ def main():
     if arguments.ceres:
         LIBRARY["LD_LIBRARY_PATH"] = str(arguments.ceres)
     WORK.mkdir(parents=True, exist_ok=True)
-    command = ["cargo", "build", "--release", "--no-default-features", "--examples", "--bins"]
+    command = ["cargo", "build", "--release", "--no-default-features", "--features", "program", "--examples", "--bins"]
     subprocess.run(command, cwd=ROOT, check=True)
     sources = ROOT / "benches/peers"
     for program in ["ceres_bal", "ceres_mv"]:

@@ -10,7 +10,11 @@
 //! ```
 //!
 //! Modules stand in the order of their floors, lowest first; each may use those above it here only
-//! as far as `tests/floor_plan.rs` says.
+//! as far as `tests/laws/floor_plan.rs` says.
+//!
+//! Features, all of them on unless said otherwise: `cli` (the command line), `report` (results as bytes),
+//! `scans` (scans in LAS, LAZ, E57, PCD and PLY), `viewer` (recordings for the Rerun viewer); `program` is
+//! all but the viewer. Who reads, adjusts and diagnoses in memory needs none of them.
 
 pub mod geometry;
 pub mod rules;
@@ -41,9 +45,12 @@ pub mod simulate;
 pub mod study;
 pub mod words;
 
+#[cfg(feature = "report")]
 pub mod report;
 pub mod scene;
 
+#[cfg(feature = "report")]
 pub mod page;
 
+#[cfg(feature = "cli")]
 pub mod cli;

@@ -98,7 +98,7 @@ fn viewer_url(text: &str) -> Result<String, String> {
 
 /// A build that cannot show anything was asked to.
 pub fn without_rerun(what: &str) -> Failure {
-    Failure::Usage(format!("this build has no Rerun (feature \"rerun\"), so {what} cannot be used"))
+    Failure::Usage(format!("this build has no Rerun (feature \"viewer\"), so {what} cannot be used"))
 }
 
 /// Sets the number of threads of this process: all cores where none is given.

@@ -13,7 +13,7 @@ rigid and similarity. They must be equal to 1e-9, relative to values above 1.
 `--exports DIR` takes a folder that `evaluate --out` wrote: `evo_ape` computes the same distances from its TUM and its
 KITTI files, and `evo_res` and `evo_traj` open the others.
 
-`--golden` writes the numbers of evo to tests/evo/golden.json, which tests/evo.rs holds the program to without Python.
+`--golden` writes the numbers of evo to tests/evo/golden.json, which tests/program/evo.rs holds the program to without Python.
 """
 
 import argparse
@@ -34,7 +34,7 @@ HERE = Path(__file__).resolve().parent
 
 
 def road(t):
-    """Where the vehicle is at a time: the same formula as in tests/evo.rs."""
+    """Where the vehicle is at a time: the same formula as in tests/program/evo.rs."""
     return (7.0 * t + 9.0 * math.sin(0.41 * t), 14.0 * math.sin(0.29 * t + 0.5), 0.3 * math.sin(0.2 * t))
 
 

@@ -6,18 +6,15 @@ pub mod drive;
 pub mod gross;
 pub mod moving;
 pub mod photogrammetry;
+mod place;
 pub mod score;
 
-use std::path::{Path, PathBuf};
-
-/// A folder of this package.
-pub fn in_package(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
-}
+pub use place::in_package;
+use std::path::Path;
 
 /// The program.
 pub fn program() -> assert_cmd::Command {
-    assert_cmd::Command::new(env!("CARGO_BIN_EXE_trackbundle"))
+    assert_cmd::Command::new(option_env!("CARGO_BIN_EXE_trackbundle").expect("tests know the program"))
 }
 
 /// Copies the files and folders of one folder into another, which is made.

@@ -6,12 +6,12 @@ use crate::Layout;
 use crate::error::RecordingError;
 use crate::path::{self, below, part};
 use crate::scene::{Body, Scene};
-use rerun::RecordingStream;
-use rerun::blueprint::{
+use crate::sdk::RecordingStream;
+use crate::sdk::blueprint::{
     BarChartView, Blueprint, BlueprintPanel, ContainerLike, Horizontal, MapView, SelectionPanel,
     Spatial2DView, Spatial3DView, Tabs, TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical,
 };
-use rerun::external::re_sdk_types::blueprint::components::{MapProvider, PanelState, PlayState};
+use crate::sdk::external::re_sdk_types::blueprint::components::{MapProvider, PanelState, PlayState};
 use send::Eye;
 
 /// From a body one looks from here, in shares of its length: from its left, from above.

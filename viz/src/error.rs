@@ -16,6 +16,6 @@ pub enum RecordingError {
     #[error("the connection to the viewer was lost: {0}")]
     Lost(String),
     /// This build cannot record.
-    #[error("this build has no Rerun (feature \"rerun\")")]
+    #[error("this build has no Rerun (feature \"viewer\" of the program)")]
     NotBuilt,
 }

@@ -4,9 +4,9 @@ use crate::Layout;
 use crate::error::RecordingError;
 use crate::recording;
 use crate::scene::Scene;
-use rerun::external::re_log_encoding::{Encoder, EncodingOptions};
-use rerun::external::re_log_types::LogMsg;
-use rerun::sink::{LogSink, SinkFlushError};
+use crate::sdk::external::re_log_encoding::{Encoder, EncodingOptions};
+use crate::sdk::external::re_log_types::LogMsg;
+use crate::sdk::sink::{LogSink, SinkFlushError};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
@@ -40,7 +40,7 @@ impl FileSink {
         let failed = |error: &dyn std::fmt::Display| RecordingError::File(error.to_string());
         let file = BufWriter::new(File::create(file).map_err(|error| failed(&error))?);
         let options = EncodingOptions::PROTOBUF_COMPRESSED;
-        let encoder = Encoder::new_eager(rerun::build_info().version, options, file);
+        let encoder = Encoder::new_eager(crate::sdk::build_info().version, options, file);
         let encoder = encoder.map_err(|error| failed(&error))?;
         Ok(FileSink(Arc::new(Mutex::new(Writing { encoder, failed: None }))))
     }

@@ -17,6 +17,8 @@ mod path;
 #[cfg(feature = "rerun")]
 mod recording;
 mod scene;
+#[cfg(feature = "rerun")]
+mod sdk;
 #[cfg(not(feature = "rerun"))]
 mod without;
 

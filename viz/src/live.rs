@@ -6,9 +6,9 @@
 use crate::error::RecordingError;
 use crate::recording::{self, Recorder};
 use crate::scene::{Iteration, Scene};
+use crate::sdk::SpawnOptions;
+use crate::sdk::external::re_uri::ProxyUri;
 use crate::{DEFAULT_URL, Layout, VIEWER_VERSION, Viewer};
-use rerun::SpawnOptions;
-use rerun::external::re_uri::ProxyUri;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
@@ -136,12 +136,12 @@ fn spawn() -> Result<String, RecordingError> {
         hide_welcome_screen: true,
         ..SpawnOptions::default()
     };
-    let spawned = rerun::spawn(&options).map_err(|error| {
+    let spawned = crate::sdk::spawn(&options).map_err(|error| {
         let install = format!(
             "install it with `pip install rerun-sdk=={VIEWER_VERSION}` or `cargo binstall rerun-cli@{VIEWER_VERSION}`"
         );
         RecordingError::NoViewer(match error {
-            rerun::SpawnError::Io(error) => format!("the viewer `rerun` could not be started ({error}): {install}"),
+            crate::sdk::SpawnError::Io(error) => format!("the viewer `rerun` could not be started ({error}): {install}"),
             _ => format!("the viewer `rerun` is not on the PATH: {install}"),
         })
     })?;

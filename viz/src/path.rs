@@ -1,6 +1,6 @@
 //! Where things are in a recording; `docs/rerun.md` lists it as an interface.
 
-use rerun::EntityPathPart;
+use crate::sdk::EntityPathPart;
 
 /// The application that recordings belong to; viewers keep one layout for each.
 pub const APPLICATION: &str = "trackbundle";

@@ -18,12 +18,12 @@ use crate::colour::{self, Colour};
 use crate::error::RecordingError;
 use crate::path;
 use crate::scene::{Pose, Scene, TrackPrecision};
-use crate::{Layout, blueprint};
-use rerun::components::FillMode;
-use rerun::{
+use crate::sdk::components::FillMode;
+use crate::sdk::{
     AsComponents, Ellipsoids3D, LineStrips3D, Quaternion, RecordingStream, RecordingStreamBuilder,
     RecordingStreamError, Scalars, SerializationError, SeriesLines, TimeColumn, Transform3D,
 };
+use crate::{Layout, blueprint};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Half the width of lines on the screen.
@@ -109,7 +109,7 @@ impl<'a> Recorder<'a> {
     /// What is known before the adjustment.
     pub fn start(&self) -> Recorded {
         for root in [path::WORLD, path::SHAPES] {
-            self.fixed(root, &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
+            self.fixed(root, &crate::sdk::ViewCoordinates::RIGHT_HAND_Z_UP())?;
         }
         self.ground()?;
         self.targets()?;

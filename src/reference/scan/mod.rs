@@ -3,17 +3,25 @@
 //! All readers give the points in the order of the file, in 64 bits. What a header promises is held
 //! against the size of the file before anything is allocated for it.
 
+#[cfg(feature = "scans")]
 mod e57;
+#[cfg(feature = "scans")]
 mod las;
+#[cfg(feature = "scans")]
 mod pcd;
+#[cfg(feature = "scans")]
 mod ply;
-#[cfg(test)]
+#[cfg(all(test, feature = "scans"))]
 mod tests;
+#[cfg(not(feature = "scans"))]
+mod without;
 mod xyz;
 
 use crate::tables::{Finding, Findings};
 use nalgebra::Point3;
 use std::path::Path;
+#[cfg(not(feature = "scans"))]
+use {without as e57, without as las, without as pcd, without as ply};
 
 /// The points of a scan, and its surface where the file has one.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -4,15 +4,15 @@
 use crate::colour;
 use crate::error::RecordingError;
 use crate::path::APPLICATION;
-use rerun::blueprint::Blueprint;
-use rerun::external::arrow::array::{Array, AsArray};
-use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, TimePoint, Timeline};
-use rerun::external::re_sdk_types::blueprint::archetypes::{
+use crate::sdk::blueprint::Blueprint;
+use crate::sdk::external::arrow::array::{Array, AsArray};
+use crate::sdk::external::re_log_types::{BlueprintActivationCommand, LogMsg, TimePoint, Timeline};
+use crate::sdk::external::re_sdk_types::blueprint::archetypes::{
     Background, EyeControls3D, LineGrid3D, PlotLegend,
 };
-use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, Corner2D};
-use rerun::log::{Chunk, RowId};
-use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder};
+use crate::sdk::external::re_sdk_types::blueprint::components::{BackgroundKind, Corner2D};
+use crate::sdk::log::{Chunk, RowId};
+use crate::sdk::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
 /// How a view in three dimensions is first seen.
 pub struct Eye {

@@ -4,8 +4,8 @@ use super::{AFTER_WIDTH, BEFORE_WIDTH, Curve, Ellipsoid, NORMAL_95, Recorded, Re
 use crate::colour::{self, Colour};
 use crate::path::{self, part};
 use crate::scene::{Body, Pose, State, TrackPoint, TrackPrecision, each_second};
-use rerun::components::FillMode;
-use rerun::{Arrows3D, Boxes3D, Clear, LineStrips3D, Points3D};
+use crate::sdk::components::FillMode;
+use crate::sdk::{Arrows3D, Boxes3D, Clear, LineStrips3D, Points3D};
 
 /// Ellipsoids of shape points that are longer would hide all others; such points have the colour of poor ones \[m\].
 const LONGEST_M: f64 = 1.0;

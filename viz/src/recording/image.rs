@@ -5,7 +5,7 @@ use crate::colour::{self, Colour};
 use crate::error::RecordingError;
 use crate::path;
 use crate::scene::{Film, ImagePoint, Marking};
-use rerun::{Arrows2D, AssetVideo, EncodedImage, Points2D, VideoFrameReference};
+use crate::sdk::{Arrows2D, AssetVideo, EncodedImage, Points2D, VideoFrameReference};
 use std::path::Path;
 
 impl Recorder<'_> {
@@ -30,7 +30,7 @@ impl Recorder<'_> {
                 let frames: Vec<usize> = (0..self.scene.frames.len()).collect();
                 let seconds = self.scene.frames.iter().map(|frame| (frame.time_s + offset_s).max(0.0));
                 let columns = VideoFrameReference::update_fields()
-                    .with_many_timestamp(seconds.map(rerun::components::VideoTimestamp::from_secs))
+                    .with_many_timestamp(seconds.map(crate::sdk::components::VideoTimestamp::from_secs))
                     .columns_of_unit_batches()?;
                 Ok(self.stream.send_columns(self.at(&entity), self.times(&frames), columns)?)
             }

@@ -4,7 +4,7 @@ use super::{Curve, Recorded, Recorder, on_screen};
 use crate::colour;
 use crate::path::{self, part};
 use crate::scene::Iteration;
-use rerun::{AsComponents, BarChart, LineStrips3D, Points3D, Scalars, TextLog};
+use crate::sdk::{AsComponents, BarChart, LineStrips3D, Points3D, Scalars, TextLog};
 
 const TIMELINE: &str = "iteration";
 

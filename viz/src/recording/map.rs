@@ -4,7 +4,7 @@ use super::{Recorded, Recorder, on_screen};
 use crate::colour::{self, Colour};
 use crate::path::{self, part};
 use crate::scene::{Geodetic, TargetRole};
-use rerun::{GeoLineStrings, GeoPoints};
+use crate::sdk::{GeoLineStrings, GeoPoints};
 
 impl Recorder<'_> {
     /// Lines and points of the map.

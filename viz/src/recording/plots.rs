@@ -4,7 +4,7 @@ use super::{Curve, Recorded, Recorder};
 use crate::colour;
 use crate::path;
 use crate::scene::{ImagePoint, ImagePointKind, Marking};
-use rerun::BarChart;
+use crate::sdk::BarChart;
 
 /// Bars of the distribution on either side of zero.
 const BARS: i64 = 30;

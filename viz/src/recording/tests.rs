@@ -3,7 +3,7 @@
 use super::*;
 use crate::colour;
 use crate::scene::*;
-use rerun::log::{Chunk, LogMsg};
+use crate::sdk::log::{Chunk, LogMsg};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Two frames, a body in the first one, a target, one good and one rejected image point.
@@ -142,16 +142,16 @@ fn numbers(chunks: &[Chunk], component: &str) -> Vec<f64> {
             // Vectors are lists of a fixed size, lines lists of any.
             loop {
                 let fixed =
-                    values.as_any().downcast_ref::<rerun::external::arrow::array::FixedSizeListArray>();
-                let free = values.as_any().downcast_ref::<rerun::external::arrow::array::ListArray>();
+                    values.as_any().downcast_ref::<crate::sdk::external::arrow::array::FixedSizeListArray>();
+                let free = values.as_any().downcast_ref::<crate::sdk::external::arrow::array::ListArray>();
                 values = match (fixed, free) {
                     (Some(list), _) => list.values().clone(),
                     (_, Some(list)) => list.values().clone(),
                     _ => break,
                 };
             }
-            let single = values.as_any().downcast_ref::<rerun::external::arrow::array::Float32Array>();
-            let double = values.as_any().downcast_ref::<rerun::external::arrow::array::Float64Array>();
+            let single = values.as_any().downcast_ref::<crate::sdk::external::arrow::array::Float32Array>();
+            let double = values.as_any().downcast_ref::<crate::sdk::external::arrow::array::Float64Array>();
             match (single, double) {
                 (Some(values), _) => values.values().iter().map(|v| f64::from(*v)).collect::<Vec<_>>(),
                 (_, Some(values)) => values.values().to_vec(),
@@ -363,7 +363,7 @@ fn what_a_result_is_compared_with_is_beside_it() {
 
 /// The colours of an entity.
 fn colours(chunks: &[Chunk]) -> Vec<u32> {
-    use rerun::external::arrow::array::{Array, UInt32Array};
+    use crate::sdk::external::arrow::array::{Array, UInt32Array};
     let columns = chunks.iter().flat_map(|chunk| chunk.components().values());
     let named = columns.filter(|column| column.descriptor.component.as_str().ends_with("colors"));
     let values = named.map(|column| column.list_array.values().clone());

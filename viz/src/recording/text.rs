@@ -2,7 +2,7 @@
 
 use super::{Recorded, Recorder};
 use crate::path;
-use rerun::{MediaType, TextDocument, TextLog, TextLogLevel};
+use crate::sdk::{MediaType, TextDocument, TextLog, TextLogLevel};
 
 const LEGEND: &str = include_str!("legend.md");
 const SHAPE_LEGEND: &str = include_str!("shape_legend.md");

@@ -4,7 +4,7 @@ use super::{AFTER_WIDTH, BEFORE_WIDTH, Ellipsoid, Recorded, Recorder, on_screen}
 use crate::colour::{self, Colour};
 use crate::path::{self, part};
 use crate::scene::{Body, Ground, Pose, TargetRole};
-use rerun::{LineStrips3D, Mesh3D, Pinhole, Points3D};
+use crate::sdk::{LineStrips3D, Mesh3D, Pinhole, Points3D};
 
 /// The frustum of the camera is this share of its height long.
 const FRUSTUM: f32 = 0.1;

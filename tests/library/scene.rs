@@ -1,7 +1,7 @@
 //! What is drawn of a result is the same, whether it comes from the adjustment or from its folder; and what it is
 //! compared with lies where it belongs.
 
-mod support;
+use crate::support;
 
 use nalgebra::Point3;
 use std::collections::BTreeMap;

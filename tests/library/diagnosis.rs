@@ -1,6 +1,6 @@
 //! What is determined and by what, against dense algebra and against what must be so.
 
-mod support;
+use crate::support;
 
 use nalgebra::{DMatrix, DVector};
 use support::drawn::Film;

@@ -1,6 +1,6 @@
 //! Scans of vehicles through the program: what `check` says of them, and that damaged ones are refused.
 
-mod support;
+use crate::support;
 
 use predicates::prelude::*;
 use std::path::Path;

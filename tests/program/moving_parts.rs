@@ -3,145 +3,23 @@
 //! A short form runs with all tests; the study itself is
 //!
 //! ```text
-//! cargo test --release --test moving_parts -- --ignored --nocapture
+//! cargo bench --bench studies moving_parts
 //! ```
 
-mod support;
+use crate::support;
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::Vector3;
 use support::moving::{FULL, Flight};
-use support::score::laid_on_truth;
 use trackbundle::diagnose::{Diagnosis, diagnose};
-use trackbundle::geometry::align::rigid_fit;
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::{Freedom, KnownTime, Problem, ReceiverKnowledge, Shutter};
-use trackbundle::refine::{Adjusted, CRITICAL, RefineOptions, adjust};
+use trackbundle::refine::{Adjusted, RefineOptions, adjust};
 
 fn adjusted(problem: &Problem) -> (Adjusted, Diagnosis) {
     let start = initialise(problem, Method::RobustWhereNeeded).unwrap().estimate;
     let mut adjusted = adjust(problem, &start, &RefineOptions::default(), None).unwrap();
     let diagnosis = diagnose(problem, &mut adjusted).expect("least squares").unwrap();
     (adjusted, diagnosis)
-}
-
-/// What one run says: errors, and whether each lies in its 95 % region.
-#[derive(Clone, Debug, Default)]
-struct Run {
-    /// Squares: marker in plan, shape per coordinate, scale, clock offset, readout.
-    squares: [f64; 5],
-    /// In the region: marker in a frame, a coordinate of a point, scale, clock offset, readout.
-    covered: [bool; 5],
-    /// Mean square of the standard deviations of all coordinates of the shape.
-    shape_predicted: f64,
-    /// Standard deviation of the scale.
-    scale_sigma: f64,
-    /// Whether the clock offset is said not to be observable.
-    without_clock: bool,
-}
-
-const NAMES: [&str; 5] = ["marker xy [cm]", "shape [cm]", "scale [%]", "clock offset [ms]", "readout [ms]"];
-const UNITS: [f64; 5] = [100.0, 100.0, 100.0, 1000.0, 1000.0];
-
-fn run(flight: &Flight, seed: u64) -> Run {
-    let (problem, truth) = flight.draw(seed);
-    let (adjusted, diagnosis) = adjusted(&problem);
-    let found = &adjusted.estimate.vehicles[0];
-    let mark = found.points[0].unwrap();
-    let off: Vec<Vector2<f64>> = found
-        .poses
-        .iter()
-        .zip(&truth.vehicle)
-        .filter_map(|(pose, wanted)| Some((pose.as_ref()? * mark - wanted * truth.points[0]).xy()))
-        .collect();
-    let frame = seed as usize * 7 % off.len();
-    let track = diagnosis.precision.tracks[0][frame].unwrap();
-    let [x, y, _] = track.position_m;
-    let plan = track.covariance_xy_m2.map(|cov| Matrix2::new(x * x, cov, cov, y * y));
-    let is_in_ellipse =
-        plan.is_none_or(|plan| off[frame].dot(&(plan.try_inverse().unwrap() * off[frame])) < 5.991);
-
-    let laid = laid_on_truth(&found.points, &truth.points);
-    let (point, axis) = (seed as usize * 5 % truth.points.len(), seed as usize % 3);
-    let of_point = laid[point].map(|p| p[axis] - truth.points[point][axis]);
-    let point_sigma = diagnosis.precision.points[0][point].map(|sigma| sigma[axis]);
-
-    let pairs = found.points.iter().zip(&truth.points).filter_map(|(p, q)| Some(((*p)?, *q)));
-    let (points, wanted): (Vec<_>, Vec<_>) = pairs.unzip();
-    let fit = rigid_fit(&wanted, &points).unwrap();
-    let mean = wanted.iter().map(|p| p.coords).sum::<Vector3<f64>>() / wanted.len() as f64;
-    let (mut dot, mut size, mut weighed) = (0.0, 0.0, 0.0);
-    for (p, q) in points.iter().zip(&wanted) {
-        dot += (fit * (q.coords - mean)).dot(&p.coords);
-        size += (q.coords - mean).norm_squared();
-        weighed += (p - fit * q).norm_squared() / 3.0;
-    }
-    let scale = dot / size - 1.0;
-    let scale_sigma = diagnosis.scales[0].sigma;
-    let estimated = |name: &str| diagnosis.parameters.iter().find(|p| p.name == name);
-    let of = |name: &str, truth: f64| {
-        estimated(name).map_or((0.0, true), |p| (p.value - truth, (p.value - truth).abs() < 1.96 * p.sigma))
-    };
-    let (clock, readout) = (of("clock_offset_s", truth.clock_s), of("readout_s", truth.readout_s));
-    Run {
-        squares: [
-            off.iter().map(|d| d.norm_squared() / 2.0).sum::<f64>() / off.len() as f64,
-            weighed / points.len() as f64,
-            scale * scale,
-            clock.0 * clock.0,
-            readout.0 * readout.0,
-        ],
-        covered: [
-            is_in_ellipse,
-            of_point.zip(point_sigma).is_none_or(|(error, sigma)| error.abs() < 1.96 * sigma),
-            scale.abs() < 1.96 * scale_sigma,
-            clock.1,
-            readout.1,
-        ],
-        shape_predicted: {
-            let all: Vec<f64> = diagnosis.precision.points[0].iter().flatten().flatten().copied().collect();
-            all.iter().map(|sigma| sigma * sigma).sum::<f64>() / all.len() as f64
-        },
-        scale_sigma,
-        without_clock: estimated("clock_offset_s").is_none_or(|p| !p.is_observable),
-    }
-}
-
-/// One result for each seed, on two threads.
-fn each<R: Send>(count: u64, of_seed: impl Fn(u64) -> R + Sync) -> Vec<R> {
-    let half = |first: u64| -> Vec<R> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        (first..count).step_by(2).map(|seed| pool.install(|| of_seed(seed))).collect()
-    };
-    let [even, odd] = std::thread::scope(|scope| {
-        let odd = scope.spawn(|| half(1));
-        [half(0), odd.join().unwrap()]
-    });
-    let mut odd = odd.into_iter();
-    even.into_iter().flat_map(|even| [Some(even), odd.next()]).flatten().collect()
-}
-
-fn root_mean(runs: &[Run], what: usize) -> f64 {
-    (runs.iter().map(|run| run.squares[what]).sum::<f64>() / runs.len() as f64).sqrt()
-}
-
-fn coverage(runs: &[Run], what: usize) -> f64 {
-    runs.iter().filter(|run| run.covered[what]).count() as f64 / runs.len() as f64
-}
-
-fn print(runs: &[Run]) {
-    for (what, name) in NAMES.iter().enumerate() {
-        println!(
-            "{name}: rms {:.3}, in the 95 % region {:.1} %",
-            root_mean(runs, what) * UNITS[what],
-            100.0 * coverage(runs, what)
-        );
-    }
-    let sigma = runs.iter().map(|run| run.scale_sigma).sum::<f64>() / runs.len() as f64;
-    println!("scale: mean sigma {:.3} %", 100.0 * sigma);
-}
-
-fn runs() -> u64 {
-    std::env::var("RUNS").map_or(200, |runs| runs.parse().expect("a number of runs"))
 }
 
 /// What must be told of a result of the program.
@@ -312,31 +190,6 @@ fn states_at_any_time_are_written() {
     assert!(states(356, "x").is_some() && states(357, "x").is_none());
 }
 
-#[test]
-#[ignore = "200 adjustments, a quarter of an hour"]
-fn with_gnss_everything_is_determined() {
-    let runs = each(runs(), |seed| run(&Flight::default(), seed));
-    print(&runs);
-    for (what, most) in [0.022, f64::INFINITY, 0.0008, 0.0018, 0.0024].into_iter().enumerate() {
-        let found = root_mean(&runs, what);
-        assert!(found <= most, "{}: {found}", NAMES[what]);
-        assert!((0.895..=0.99).contains(&coverage(&runs, what)), "{}", NAMES[what]);
-    }
-    // How well a point is known depends on how long it is seen. A rigid fit takes six numbers of all.
-    let predicted = (runs.iter().map(|run| run.shape_predicted).sum::<f64>() / runs.len() as f64).sqrt();
-    println!("shape: predicted {:.3} cm", 100.0 * predicted);
-    assert!((0.85..1.05).contains(&(root_mean(&runs, 1) / predicted)));
-}
-
-#[test]
-#[ignore = "200 adjustments, a quarter of an hour"]
-fn without_gnss_the_scale_is_weak_and_the_clock_is_not_observable() {
-    let runs = each(runs(), |seed| run(&Flight { gnss: None, ..Flight::default() }, seed));
-    print(&runs);
-    assert!((0.895..=0.99).contains(&coverage(&runs, 2)));
-    assert!(runs.iter().all(|run| run.without_clock && (0.007..0.011).contains(&run.scale_sigma)));
-}
-
 /// The problem with the readout taken for none and the clocks for the same.
 fn held(flight: &Flight, seed: u64, clock_s: f64) -> Problem {
     let (mut problem, truth) = flight.draw(seed);
@@ -348,42 +201,198 @@ fn held(flight: &Flight, seed: u64, clock_s: f64) -> Problem {
     problem
 }
 
-/// For each run how many standard deviations the tests of readout and clock offset are off.
-fn statistics(flight: &Flight, count: u64, clock_s: f64) -> Vec<[Option<f64>; 2]> {
-    each(count, |seed| {
-        let problem = held(flight, seed, clock_s);
-        let (adjusted, _) = adjusted(&problem);
-        ["readout_s", "clock_offset_s"].map(|name| {
-            let tests = &adjusted.adjustment.directed_tests;
-            tests.iter().find(|test| test.name == name).map(|test| test.statistic())
-        })
-    })
-}
+/// The study, which `benches/studies.rs` runs.
+#[allow(dead_code)]
+pub mod study {
+    use super::*;
+    use nalgebra::{Matrix2, Vector2};
+    use support::score::laid_on_truth;
+    use trackbundle::geometry::align::rigid_fit;
+    use trackbundle::refine::CRITICAL;
 
-#[test]
-#[ignore = "400 adjustments, half an hour"]
-fn what_is_left_out_of_the_model_is_found() {
-    for gnss in [Some((5.0, 0.02)), None] {
-        let found = statistics(&Flight { gnss, ..Flight::default() }, runs(), 0.03);
-        for (what, name) in ["readout", "clock offset"].iter().enumerate() {
-            let tested: Vec<f64> = found.iter().filter_map(|run| run[what]).collect();
-            if what == 1 && gnss.is_none() {
-                assert!(tested.is_empty());
-                continue;
-            }
-            let rejected = tested.iter().filter(|w| w.abs() > CRITICAL).count() as f64 / tested.len() as f64;
-            println!(
-                "GNSS {gnss:?}: {name} left out, rejected {:.1} % of {}",
-                100.0 * rejected,
-                tested.len()
-            );
-            assert!(rejected >= 0.95);
+    /// What one run says: errors, and whether each lies in its 95 % region.
+    #[derive(Clone, Debug, Default)]
+    struct Run {
+        /// Squares: marker in plan, shape per coordinate, scale, clock offset, readout.
+        squares: [f64; 5],
+        /// In the region: marker in a frame, a coordinate of a point, scale, clock offset, readout.
+        covered: [bool; 5],
+        /// Mean square of the standard deviations of all coordinates of the shape.
+        shape_predicted: f64,
+        /// Standard deviation of the scale.
+        scale_sigma: f64,
+        /// Whether the clock offset is said not to be observable.
+        without_clock: bool,
+    }
+
+    const NAMES: [&str; 5] =
+        ["marker xy [cm]", "shape [cm]", "scale [%]", "clock offset [ms]", "readout [ms]"];
+    const UNITS: [f64; 5] = [100.0, 100.0, 100.0, 1000.0, 1000.0];
+
+    fn run(flight: &Flight, seed: u64) -> Run {
+        let (problem, truth) = flight.draw(seed);
+        let (adjusted, diagnosis) = adjusted(&problem);
+        let found = &adjusted.estimate.vehicles[0];
+        let mark = found.points[0].unwrap();
+        let off: Vec<Vector2<f64>> = found
+            .poses
+            .iter()
+            .zip(&truth.vehicle)
+            .filter_map(|(pose, wanted)| Some((pose.as_ref()? * mark - wanted * truth.points[0]).xy()))
+            .collect();
+        let frame = seed as usize * 7 % off.len();
+        let track = diagnosis.precision.tracks[0][frame].unwrap();
+        let [x, y, _] = track.position_m;
+        let plan = track.covariance_xy_m2.map(|cov| Matrix2::new(x * x, cov, cov, y * y));
+        let is_in_ellipse =
+            plan.is_none_or(|plan| off[frame].dot(&(plan.try_inverse().unwrap() * off[frame])) < 5.991);
+
+        let laid = laid_on_truth(&found.points, &truth.points);
+        let (point, axis) = (seed as usize * 5 % truth.points.len(), seed as usize % 3);
+        let of_point = laid[point].map(|p| p[axis] - truth.points[point][axis]);
+        let point_sigma = diagnosis.precision.points[0][point].map(|sigma| sigma[axis]);
+
+        let pairs = found.points.iter().zip(&truth.points).filter_map(|(p, q)| Some(((*p)?, *q)));
+        let (points, wanted): (Vec<_>, Vec<_>) = pairs.unzip();
+        let fit = rigid_fit(&wanted, &points).unwrap();
+        let mean = wanted.iter().map(|p| p.coords).sum::<Vector3<f64>>() / wanted.len() as f64;
+        let (mut dot, mut size, mut weighed) = (0.0, 0.0, 0.0);
+        for (p, q) in points.iter().zip(&wanted) {
+            dot += (fit * (q.coords - mean)).dot(&p.coords);
+            size += (q.coords - mean).norm_squared();
+            weighed += (p - fit * q).norm_squared() / 3.0;
+        }
+        let scale = dot / size - 1.0;
+        let scale_sigma = diagnosis.scales[0].sigma;
+        let estimated = |name: &str| diagnosis.parameters.iter().find(|p| p.name == name);
+        let of = |name: &str, truth: f64| {
+            estimated(name)
+                .map_or((0.0, true), |p| (p.value - truth, (p.value - truth).abs() < 1.96 * p.sigma))
+        };
+        let (clock, readout) = (of("clock_offset_s", truth.clock_s), of("readout_s", truth.readout_s));
+        Run {
+            squares: [
+                off.iter().map(|d| d.norm_squared() / 2.0).sum::<f64>() / off.len() as f64,
+                weighed / points.len() as f64,
+                scale * scale,
+                clock.0 * clock.0,
+                readout.0 * readout.0,
+            ],
+            covered: [
+                is_in_ellipse,
+                of_point.zip(point_sigma).is_none_or(|(error, sigma)| error.abs() < 1.96 * sigma),
+                scale.abs() < 1.96 * scale_sigma,
+                clock.1,
+                readout.1,
+            ],
+            shape_predicted: {
+                let all: Vec<f64> =
+                    diagnosis.precision.points[0].iter().flatten().flatten().copied().collect();
+                all.iter().map(|sigma| sigma * sigma).sum::<f64>() / all.len() as f64
+            },
+            scale_sigma,
+            without_clock: estimated("clock_offset_s").is_none_or(|p| !p.is_observable),
         }
     }
-    // And where it is right: rejected once in a thousand runs.
-    let right = Flight { readout_s: [0.0, 0.0], ..Flight::default() };
-    let found = statistics(&right, runs().min(100), 0.0);
-    let wrong = found.iter().flatten().flatten().filter(|w| w.abs() > CRITICAL).count();
-    println!("right, and rejected: {wrong} of {}", 2 * found.len());
-    assert!(wrong <= 2);
+
+    /// One result for each seed, on two threads.
+    fn each<R: Send>(count: u64, of_seed: impl Fn(u64) -> R + Sync) -> Vec<R> {
+        let half = |first: u64| -> Vec<R> {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+            (first..count).step_by(2).map(|seed| pool.install(|| of_seed(seed))).collect()
+        };
+        let [even, odd] = std::thread::scope(|scope| {
+            let odd = scope.spawn(|| half(1));
+            [half(0), odd.join().unwrap()]
+        });
+        let mut odd = odd.into_iter();
+        even.into_iter().flat_map(|even| [Some(even), odd.next()]).flatten().collect()
+    }
+
+    fn root_mean(runs: &[Run], what: usize) -> f64 {
+        (runs.iter().map(|run| run.squares[what]).sum::<f64>() / runs.len() as f64).sqrt()
+    }
+
+    fn coverage(runs: &[Run], what: usize) -> f64 {
+        runs.iter().filter(|run| run.covered[what]).count() as f64 / runs.len() as f64
+    }
+
+    fn print(runs: &[Run]) {
+        for (what, name) in NAMES.iter().enumerate() {
+            println!(
+                "{name}: rms {:.3}, in the 95 % region {:.1} %",
+                root_mean(runs, what) * UNITS[what],
+                100.0 * coverage(runs, what)
+            );
+        }
+        let sigma = runs.iter().map(|run| run.scale_sigma).sum::<f64>() / runs.len() as f64;
+        println!("scale: mean sigma {:.3} %", 100.0 * sigma);
+    }
+
+    fn runs() -> u64 {
+        std::env::var("RUNS").map_or(200, |runs| runs.parse().expect("a number of runs"))
+    }
+
+    /// With GNSS everything is determined.
+    pub fn with_gnss() {
+        let runs = each(runs(), |seed| run(&Flight::default(), seed));
+        print(&runs);
+        for (what, most) in [0.022, f64::INFINITY, 0.0008, 0.0018, 0.0024].into_iter().enumerate() {
+            let found = root_mean(&runs, what);
+            assert!(found <= most, "{}: {found}", NAMES[what]);
+            assert!((0.895..=0.99).contains(&coverage(&runs, what)), "{}", NAMES[what]);
+        }
+        // How well a point is known depends on how long it is seen. A rigid fit takes six numbers of all.
+        let predicted = (runs.iter().map(|run| run.shape_predicted).sum::<f64>() / runs.len() as f64).sqrt();
+        println!("shape: predicted {:.3} cm", 100.0 * predicted);
+        assert!((0.85..1.05).contains(&(root_mean(&runs, 1) / predicted)));
+    }
+
+    /// Without GNSS the scale is weak and the clock is not observable.
+    pub fn without_gnss() {
+        let runs = each(runs(), |seed| run(&Flight { gnss: None, ..Flight::default() }, seed));
+        print(&runs);
+        assert!((0.895..=0.99).contains(&coverage(&runs, 2)));
+        assert!(runs.iter().all(|run| run.without_clock && (0.007..0.011).contains(&run.scale_sigma)));
+    }
+
+    /// For each run how many standard deviations the tests of readout and clock offset are off.
+    fn statistics(flight: &Flight, count: u64, clock_s: f64) -> Vec<[Option<f64>; 2]> {
+        each(count, |seed| {
+            let problem = held(flight, seed, clock_s);
+            let (adjusted, _) = adjusted(&problem);
+            ["readout_s", "clock_offset_s"].map(|name| {
+                let tests = &adjusted.adjustment.directed_tests;
+                tests.iter().find(|test| test.name == name).map(|test| test.statistic())
+            })
+        })
+    }
+
+    /// What is left out of the model is found.
+    pub fn what_is_left_out() {
+        for gnss in [Some((5.0, 0.02)), None] {
+            let found = statistics(&Flight { gnss, ..Flight::default() }, runs(), 0.03);
+            for (what, name) in ["readout", "clock offset"].iter().enumerate() {
+                let tested: Vec<f64> = found.iter().filter_map(|run| run[what]).collect();
+                if what == 1 && gnss.is_none() {
+                    assert!(tested.is_empty());
+                    continue;
+                }
+                let rejected =
+                    tested.iter().filter(|w| w.abs() > CRITICAL).count() as f64 / tested.len() as f64;
+                println!(
+                    "GNSS {gnss:?}: {name} left out, rejected {:.1} % of {}",
+                    100.0 * rejected,
+                    tested.len()
+                );
+                assert!(rejected >= 0.95);
+            }
+        }
+        // And where it is right: rejected once in a thousand runs.
+        let right = Flight { readout_s: [0.0, 0.0], ..Flight::default() };
+        let found = statistics(&right, runs().min(100), 0.0);
+        let wrong = found.iter().flatten().flatten().filter(|w| w.abs() > CRITICAL).count();
+        println!("right, and rejected: {wrong} of {}", 2 * found.len());
+        assert!(wrong <= 2);
+    }
 }

@@ -1,6 +1,6 @@
 //! `trackbundle simulate`: what is written is what was said, whatever else is drawn.
 
-mod support;
+use crate::support;
 
 use nalgebra::{Point3, Vector2};
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! The program as a user meets it: commands, streams, exit codes, the result folder.
 
-mod support;
+use crate::support;
 
 use predicates::prelude::*;
 use std::collections::BTreeSet;
@@ -43,7 +43,7 @@ fn the_result_stands_beside_the_problem_and_is_whole() {
     ]
     .map(String::from)
     .into();
-    if cfg!(feature = "rerun") {
+    if cfg!(feature = "viewer") {
         wanted.insert("session.rrd".to_owned());
     }
     assert_eq!(names(&place.path().join("tiny-result")), wanted);
@@ -161,7 +161,7 @@ fn the_recording_goes_where_it_is_told() {
     let file = place.path().join("here.rrd");
     let mut command = program();
     command.arg("refine").arg(&problem).arg("--rrd").arg(&file);
-    if cfg!(feature = "rerun") {
+    if cfg!(feature = "viewer") {
         command.assert().success();
         assert!(std::fs::read(&file).unwrap().starts_with(b"RRF"));
         assert!(!place.path().join("tiny-result/session.rrd").exists());
@@ -272,7 +272,7 @@ fn versions_helps_and_completions_are_printed() {
 }
 
 #[test]
-#[cfg(feature = "rerun")]
+#[cfg(feature = "viewer")]
 fn a_recording_replaces_nothing_but_a_recording() {
     let (place, problem) = tiny();
     let table = problem.join("frames.csv");

@@ -3,11 +3,9 @@
 //! A room is a module of `src/`, or of `solver/src/`. The plan is the data below; the tests read
 //! the paths that the sources name (`crate::…`, `super::…`, `self::…`).
 
-mod support;
-
+use crate::support::in_package;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use support::in_package;
 
 /// Rooms of the toolkit from the lowest floor up: floor, room, and what it may use of the floors below.
 const TOOLKIT: &[(u32, &str, &[&str])] = &[

@@ -1,7 +1,7 @@
 //! Statistics of positions are those of `evo`: against numbers that it computed (`tests/evo/golden.json`), and
 //! on request against `evo` itself.
 
-mod support;
+use crate::support;
 
 use serde_json::Value;
 use std::path::Path;

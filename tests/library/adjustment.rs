@@ -1,6 +1,6 @@
 //! The adjustment against simulated drives whose truth is known.
 
-mod support;
+use crate::support;
 
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! `trackbundle view`, and sessions of `refine`: what cannot be shown costs no result.
-#![cfg(feature = "rerun")]
+#![cfg(feature = "viewer")]
 
-mod support;
+use crate::support;
 
 use assert_cmd::Command;
 use std::collections::BTreeSet;

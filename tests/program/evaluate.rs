@@ -1,6 +1,6 @@
 //! The command `evaluate`: small folders made by hand, each error in them known.
 
-mod support;
+use crate::support;
 
 use predicates::prelude::*;
 use serde_json::Value;

@@ -1,6 +1,6 @@
 //! The problems that come with the program, as a user runs them, held against their truth.
 
-mod support;
+use crate::support;
 
 use nalgebra::Point3;
 use std::collections::BTreeMap;
@@ -286,7 +286,7 @@ fn the_readme_shows_what_is_printed() {
     program.current_dir(place.path()).args(["refine", "problems/suv-noisy", "--no-rrd"]);
     let output = program.output().unwrap();
     let printed = [output.stderr, output.stdout].map(|stream| String::from_utf8(stream).unwrap()).concat();
-    // The comparison with the references follows; tests/references.rs holds it to that of `evaluate`.
+    // The comparison with the references follows; tests/program/references.rs holds it to that of `evaluate`.
     let (adjusted, compared) = printed.split_once("differences result minus reference").unwrap();
     assert_alike(block("output"), adjusted);
     assert!(compared.contains("\nshape       car1: "), "{compared}");

@@ -3,10 +3,10 @@
 //! A short form runs with all tests; the study itself is
 //!
 //! ```text
-//! cargo test --release --test statistics -- --ignored --nocapture
+//! cargo bench --bench studies statistics
 //! ```
 
-mod support;
+use crate::support;
 
 use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
@@ -258,9 +258,9 @@ fn errors_of_the_minimal_detectable_size_are_found_in_eight_of_ten_cases() {
     assert!((rate - 0.8).abs() < 3.29 * (0.16 / count).sqrt(), "{rate}");
 }
 
-#[test]
-#[ignore = "3,000 adjustments, some minutes"]
-fn of_3000_errors_of_the_minimal_detectable_size_80_in_100_are_found() {
+/// Of 3,000 errors of the minimal detectable size 80 in 100 are found.
+#[allow(dead_code)]
+pub fn study_of_detectable_errors() {
     let [found, trials] = detected(100, 30);
     println!("{found} of {trials}: {:.1} %", 100.0 * found as f64 / trials as f64);
     assert!((0.77..0.83).contains(&(found as f64 / trials as f64)));
@@ -288,8 +288,8 @@ fn standardised_errors_of_40_films_are_those_of_the_theory() {
     study(&Film::default(), 40);
 }
 
-#[test]
-#[ignore = "300 adjustments, some minutes"]
-fn standardised_errors_of_300_films_are_those_of_the_theory() {
+/// Standardised errors of 300 films are those of the theory.
+#[allow(dead_code)]
+pub fn study_of_standardised_errors() {
     study(&Film::default(), 300);
 }

@@ -3,13 +3,13 @@
 //! A short form runs with all tests; the study itself is
 //!
 //! ```text
-//! cargo test --release --test gross_errors -- --ignored --nocapture
+//! cargo bench --bench studies gross_errors
 //! ```
 //!
 //! It prints, for each share of gross errors, the root mean square over 20 drives of the errors of the mark's track,
 //! that against the same drives without gross errors, and the F1 score of the rejected image points.
 
-mod support;
+use crate::support;
 
 use support::drive::{Drive, Truth};
 use support::gross::{Contamination, Gross, contaminate};
@@ -176,9 +176,9 @@ fn nothing_is_rejected_where_nothing_is_gross() {
     }
 }
 
-#[test]
-#[ignore = "500 adjustments, two minutes"]
-fn twenty_drives_of_each_share() {
+/// Twenty drives of each share.
+#[allow(dead_code)]
+pub fn study() {
     println!("                             start   share   track rms   ratio      F1");
     let half = Contamination::half_and_half;
     let slow = Drive { motion: [3.0, 0.1], ..Default::default() };

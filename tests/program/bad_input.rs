@@ -1,6 +1,6 @@
 //! Damaged copies of a problem: each is refused with exit code 3 and the place, and nothing is written.
 
-mod support;
+use crate::support;
 
 use std::path::Path;
 use support::drive::Drive;

@@ -1,6 +1,6 @@
 //! A result against scans, as a page and as numbers; and that no reference reaches an adjustment.
 
-mod support;
+use crate::support;
 
 use nalgebra::Point3;
 use serde_json::Value;
@@ -107,7 +107,7 @@ fn the_folder_appears_whole_and_alike_and_replaces_its_own_kind_only() {
     };
     run().success();
     let first = read();
-    // tests/exports.rs has the others.
+    // tests/program/exports.rs has the others.
     let named = |wanted: &str| first.iter().find(|(name, _)| name == wanted).expect(wanted).1.clone();
     for name in ["evaluation.json", "scan_car1.ply", "shape_car1.ply"] {
         assert!(!named(name).is_empty(), "{name}");

@@ -1,6 +1,6 @@
 //! Without noise the truth comes back: drives of every kind, from starting poses and from raw measurements.
 
-mod support;
+use crate::support;
 
 use nalgebra::Point3;
 use support::drive::{Drive, Truth};

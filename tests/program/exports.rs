@@ -1,6 +1,6 @@
 //! The files of an evaluation folder for other programs: they read back as what is printed.
 
-mod support;
+use crate::support;
 
 use serde_json::Value;
 use std::collections::BTreeMap;

@@ -7,7 +7,7 @@
 //! where it is weighted. Fixed control points are no parameters, weighted ones are. Check points are object points
 //! like all others.
 
-mod support;
+use crate::support;
 
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
