@@ -3,40 +3,30 @@
 //! `cargo bench --bench refine [-- RUNS]`
 
 use std::path::Path;
-use std::time::Instant;
-use trackbundle::files::read_problem;
-use trackbundle::initialise::{Method, initialise};
-use trackbundle::refine::{RefineOptions, refine};
+use trackbundle::pipeline::{Options, Seconds, adjust_folder};
 
 fn main() {
     // Cargo passes --bench along.
     let runs = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(5).max(1);
     println!(
-        "{:12} {:>10} {:>12} {:>10} {:>12}",
-        "problem", "read s", "initialise s", "refine s", "iterations"
+        "{:12} {:>10} {:>12} {:>10} {:>10} {:>12}",
+        "problem", "read s", "initialise s", "refine s", "diagnose s", "iterations"
     );
     for name in ["suv-exact", "suv-noisy"] {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("problems").join(name);
-        let mut seconds: [Vec<f64>; 3] = Default::default();
+        let mut seconds: [Vec<f64>; 4] = Default::default();
         let mut iterations = 0;
         for _ in 0..runs {
-            let begin = Instant::now();
-            let folder = read_problem(&folder).unwrap_or_else(|findings| panic!("{findings}"));
-            let problem = folder.problem.unwrap_or_else(|missing| panic!("{missing:?}"));
-            seconds[0].push(begin.elapsed().as_secs_f64());
-            let begin = Instant::now();
-            let initial = initialise(&problem, Method::RobustWhereNeeded).expect("camera poses are given");
-            seconds[1].push(begin.elapsed().as_secs_f64());
-            let begin = Instant::now();
-            let (_, adjustment) =
-                refine(&problem, &initial.estimate, &RefineOptions::default(), None).unwrap();
-            seconds[2].push(begin.elapsed().as_secs_f64());
-            iterations = adjustment.iterations();
+            let outcome = adjust_folder(&folder, &Options::default()).unwrap_or_else(|e| panic!("{e}"));
+            let Seconds { read, initialise, refine, diagnose } = outcome.seconds;
+            let all = [read, initialise, refine, diagnose];
+            seconds.iter_mut().zip(all).for_each(|(seconds, one)| seconds.push(one));
+            iterations = outcome.adjustment().iterations();
         }
-        let [read, initial, refined] = seconds.map(|mut values| {
+        let [read, initial, refined, diagnosed] = seconds.map(|mut values| {
             values.sort_by(f64::total_cmp);
             values[values.len() / 2]
         });
-        println!("{name:12} {read:10.3} {initial:12.3} {refined:10.3} {iterations:12}");
+        println!("{name:12} {read:10.3} {initial:12.3} {refined:10.3} {diagnosed:10.3} {iterations:12}");
     }
 }

@@ -31,16 +31,21 @@ pub mod reference;
 pub mod residuals;
 pub mod trajectory;
 
-pub mod diagnose;
 pub mod estimate;
 
 pub mod files;
 pub mod initialise;
+
 pub mod network;
+
 pub mod refine;
 
 pub mod evaluate;
 pub mod simulate;
+
+pub mod diagnose;
+
+pub mod pipeline;
 
 pub mod study;
 pub mod words;

@@ -9,26 +9,25 @@ use super::options::{
 };
 use super::output::{describe_resection, print, progress};
 use super::session::Session;
-use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
 use crate::evaluate::EvaluateOptions;
 use crate::files::InputFile;
-use crate::initialise::{Method, initialise};
+use crate::initialise::Method;
+use crate::network::{MotionPrior, MotionPriors};
+use crate::pipeline::{Judged, Options, Started, start};
 use crate::problem::Problem;
 use crate::reference::Reference;
-use crate::refine::{
-    Adjusted, Arrangement, Fits, MotionPrior, MotionPriors, Progress, RefineOptions, adjust,
-};
+use crate::refine::{Adjusted, Arrangement, Fits, Progress, RefineOptions};
 use crate::report::folder::{Holds, check_place};
 use crate::report::{
-    Report, evaluation_report, left_out, report_of_adjustment, resection_report, result_tables,
+    File, Report, evaluation_report, left_out, report_of_adjustment, resection_report, result_tables,
     start_residuals_table, states_table, targets_table,
 };
 use crate::scene;
-use crate::words::{NoSigmas, Warning};
+use crate::words::Warning;
 use clap::Args;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 use trackbundle_solver::loss::{DEFAULT_SHAPE, LossName};
+use trackbundle_viz::Iteration;
 
 /// Arguments of the command.
 #[derive(Debug, Args)]
@@ -90,112 +89,133 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    let target = match &arguments.out {
-        Some(folder) => folder.clone(),
-        None => default_result_folder(&arguments.problem)?,
-    };
-    if let Some(place) = &arguments.evaluation {
-        if *place == target {
-            let message = format!("{}: the result and its evaluation need a folder each", target.display());
-            return Err(Failure::Usage(message));
-        }
-        check_place(place, Holds::Evaluation)?;
-    }
+    let target = arguments.target()?;
     let opened = output.open(&arguments.problem, &target)?;
-    let Opened { problem, warnings, inputs, vehicles, reference, read_s } = opened;
+    let problem = &opened.problem;
+    let started = start(problem, Method::RobustWhereNeeded)?;
+    output.warn(&started.initial.warnings);
 
-    let begin = Instant::now();
-    let initial = initialise(&problem, Method::RobustWhereNeeded)?;
-    output.warn(&initial.warnings);
-    let initialise_s = begin.elapsed().as_secs_f64();
-
-    let begin = Instant::now();
-    let options = RefineOptions {
-        loss: arguments.loss,
-        loss_scale: arguments.loss_scale,
-        loss_shape: arguments.loss_shape,
-        max_iterations: arguments.max_iterations,
-        arrangement: arguments.elimination,
-        motion: MotionPriors { camera: arguments.camera_motion, vehicle: arguments.vehicle_motion },
-    };
     let session = Session::open(output)?;
     session.begin(|| {
-        let mut drawn = scene::start(&problem, &initial.estimate);
-        drawn.film = scene::film(&problem);
+        let mut drawn = scene::start(problem, &started.initial.estimate);
+        drawn.film = scene::film(problem);
         drawn
     });
-    let mut told = progress(output.verbose, output.quiet, options.max_iterations);
-    let (is_shown, mut stage, mut iterations) = (output.shows()?, "", Vec::new());
-    let mut sink = |progress: Progress<'_>| {
-        told(&progress);
-        match progress {
-            Progress::Round(_, name) => stage = name,
-            Progress::Iteration(record, estimate) if is_shown => {
-                let iteration = scene::iteration(&problem, stage, record, &estimate());
-                session.iteration(&iteration);
-                iterations.push(iteration);
-            }
-            Progress::Iteration(..) => {}
-        }
-    };
-    let mut adjusted = adjust(&problem, &initial.estimate, &options, Some(&mut sink))?;
-    let refine_s = begin.elapsed().as_secs_f64();
-    let begin = Instant::now();
-    let diagnosis = diagnosed(&problem, &mut adjusted, arguments.states);
-    let diagnose_s = begin.elapsed().as_secs_f64();
-    let Adjusted { estimate, adjustment, .. } = &adjusted;
-    output.warn(&adjustment.warnings);
-    if let Err(missing) = &diagnosis {
+    let (judged, iterations) = arguments.adjust(&started, &session)?;
+    let Judged { adjusted, diagnosis, verdict, .. } = &judged;
+    output.warn(&adjusted.adjustment.warnings);
+    if let Err(missing) = diagnosis {
         output.warn(&[*missing]);
     }
-    let diagnosis = diagnosis.ok();
-    let mut report = report_of_adjustment(&problem, adjustment, left_out(&problem, estimate));
-    let verdict = diagnosis.as_ref().map(|found| Verdict::new(&problem, adjustment, found));
-    if let (Some(diagnosis), Some(verdict)) = (&diagnosis, &verdict) {
-        report.add_diagnosis(&problem, diagnosis, verdict);
-    }
-    report.resection = resection_report(&problem, initial.resection.as_ref());
-    let from_before = warnings.into_iter().map(Warning::Input);
-    let from_before = from_before.chain(initial.warnings.iter().cloned().map(Warning::Initial));
-    report.warn_before(&from_before.collect::<Vec<_>>());
-    report.add_origin(command_told(&arguments.problem), &inputs);
-    report.add_seconds("read", read_s);
-    report.add_seconds("initialise", initialise_s);
-    report.add_seconds("refine", refine_s);
-    report.add_seconds("diagnose", diagnose_s);
-
-    let precision = diagnosis.as_ref().map(|d| &d.precision);
-    let mut tables = result_tables(&problem, estimate, &adjustment.fits, precision);
-    tables.push(targets_table(
-        &problem,
-        estimate,
-        &adjustment.fits,
-        &adjustment.check_points,
-        diagnosis.as_ref(),
-    ));
-    tables.push(start_residuals_table(&problem, &Fits::of_start(&problem, &initial.estimate)));
-    tables.extend(arguments.states.map(|rate_hz| states_table(&problem, estimate, precision, rate_hz)));
+    let mut report = arguments.report(&opened, &started, &judged);
+    let tables = arguments.tables(&started, &judged);
+    let precision = diagnosis.as_ref().ok().map(|found| &found.precision);
     let draw = |report: &Report| {
-        let mut drawn = scene::start(&problem, &initial.estimate);
-        // Images would make every result as large as its film.
-        drawn.film = output.rrd.as_ref().and_then(|_| scene::film(&problem));
-        scene::add_end(&mut drawn, &problem, estimate, &adjustment.fits, precision);
+        let mut drawn = scene::start(problem, &started.initial.estimate);
+        // Images would make every result as large as its video.
+        drawn.film = output.rrd.as_ref().and_then(|_| scene::film(problem));
+        scene::add_end(&mut drawn, problem, &adjusted.estimate, &adjusted.adjustment.fits, precision);
         drawn.iterations = iterations;
         drawn.summary = report.document();
         drawn.warnings.clone_from(&report.warnings);
         drawn
     };
     let written = output.write(&target, &tables, &mut report, draw)?;
-    let folder = &written.folder;
     if !output.json && !output.quiet {
-        print(&describe_resection(initial.resection.as_ref()))?;
-        print(&report.facts().summary(&adjustment.fits.tally, verdict.as_ref()))?;
-        print(&format!("result      {}\n", folder.display()))?;
+        print(&describe_resection(started.initial.resection.as_ref()))?;
+        print(&report.facts().summary(&adjusted.adjustment.fits.tally, verdict.as_ref()))?;
+        print(&format!("result      {}\n", written.folder.display()))?;
     }
-    let referenced =
-        Referenced { folder: &arguments.problem, vehicles: &vehicles, reference: &reference, inputs };
-    compare_with(referenced, &problem, folder, arguments)?;
+    let Opened { problem, inputs, vehicles, reference, .. } = &opened;
+    let inputs = inputs.clone();
+    let referenced = Referenced { folder: &arguments.problem, vehicles, reference, inputs };
+    compare_with(referenced, problem, &written.folder, arguments)?;
     session.end(written)
+}
+
+impl Arguments {
+    /// Where the result goes, once it is clear that it may go there.
+    fn target(&self) -> Result<PathBuf, Failure> {
+        let target = match &self.out {
+            Some(folder) => folder.clone(),
+            None => default_result_folder(&self.problem)?,
+        };
+        if let Some(place) = &self.evaluation {
+            if *place == target {
+                let message =
+                    format!("{}: the result and its evaluation need a folder each", target.display());
+                return Err(Failure::Usage(message));
+            }
+            check_place(place, Holds::Evaluation)?;
+        }
+        Ok(target)
+    }
+
+    fn options(&self) -> Options {
+        let refine = RefineOptions {
+            loss: self.loss,
+            loss_scale: self.loss_scale,
+            loss_shape: self.loss_shape,
+            max_iterations: self.max_iterations,
+            arrangement: self.elimination,
+            motion: MotionPriors { camera: self.camera_motion, vehicle: self.vehicle_motion },
+        };
+        Options { refine, states_hz: self.states, ..Options::default() }
+    }
+
+    /// Adjusts, telling how far it is; returns the iterations as they are drawn, where they are.
+    fn adjust(&self, started: &Started<'_>, session: &Session) -> Result<(Judged, Vec<Iteration>), Failure> {
+        let (output, options) = (&self.output, self.options());
+        let mut told = progress(output.verbose, output.quiet, options.refine.max_iterations);
+        let (is_shown, mut stage, mut iterations) = (output.shows()?, "", Vec::new());
+        let mut sink = |progress: Progress<'_>| {
+            told(&progress);
+            match progress {
+                Progress::Round(_, name) => stage = name,
+                Progress::Iteration(record, estimate) if is_shown => {
+                    let iteration = scene::iteration(started.problem, stage, record, &estimate());
+                    session.iteration(&iteration);
+                    iterations.push(iteration);
+                }
+                Progress::Iteration(..) => {}
+            }
+        };
+        let judged = started.adjust(&options, Some(&mut sink))?;
+        Ok((judged, iterations))
+    }
+
+    fn report(&self, opened: &Opened, started: &Started<'_>, judged: &Judged) -> Report {
+        let (problem, initial) = (started.problem, &started.initial);
+        let Adjusted { estimate, adjustment, .. } = &judged.adjusted;
+        let mut report = report_of_adjustment(problem, adjustment, left_out(problem, estimate));
+        if let (Ok(diagnosis), Some(verdict)) = (&judged.diagnosis, &judged.verdict) {
+            report.add_diagnosis(problem, diagnosis, verdict);
+        }
+        report.resection = resection_report(problem, initial.resection.as_ref());
+        let from_before = opened.warnings.iter().cloned().map(Warning::Input);
+        let from_before = from_before.chain(initial.warnings.iter().cloned().map(Warning::Initial));
+        report.warn_before(&from_before.collect::<Vec<_>>());
+        report.add_origin(command_told(&self.problem), &opened.inputs);
+        report.add_seconds("read", opened.read_s);
+        report.add_seconds("initialise", started.initialise_s);
+        report.add_seconds("refine", judged.refine_s);
+        report.add_seconds("diagnose", judged.diagnose_s);
+        report
+    }
+
+    fn tables(&self, started: &Started<'_>, judged: &Judged) -> Vec<File> {
+        let problem = started.problem;
+        let Adjusted { estimate, adjustment, .. } = &judged.adjusted;
+        let diagnosis = judged.diagnosis.as_ref().ok();
+        let precision = diagnosis.map(|found| &found.precision);
+        let mut tables = result_tables(problem, estimate, &adjustment.fits, precision);
+        let checks = &adjustment.check_points;
+        tables.push(targets_table(problem, estimate, &adjustment.fits, checks, diagnosis));
+        let start = Fits::of_start(problem, &started.initial.estimate);
+        tables.push(start_residuals_table(problem, &start));
+        tables.extend(self.states.map(|rate_hz| states_table(problem, estimate, precision, rate_hz)));
+        tables
+    }
 }
 
 /// A problem folder with what its results are compared with.
@@ -252,17 +272,4 @@ fn compare_with(
         print(&describe(&compared.evaluation, &options))?;
     }
     Ok(())
-}
-
-/// The diagnosis, or why there is none.
-fn diagnosed(
-    problem: &Problem,
-    adjusted: &mut Adjusted,
-    states_hz: Option<f64>,
-) -> Result<Diagnosis, NoSigmas> {
-    match diagnose_with_states(problem, adjusted, states_hz) {
-        Some(Ok(diagnosis)) => Ok(diagnosis),
-        Some(Err(error)) => Err(NoSigmas::NoCovariance(error)),
-        None => Err(NoSigmas::NoLeastSquares),
-    }
 }

@@ -127,18 +127,8 @@ pub struct Network {
     pub frames: Vec<BodyFrame>,
 }
 
-/// Adjusts `start`; [`adjust`] without what its statistics come from.
-pub fn refine(
-    problem: &Problem,
-    start: &Estimate,
-    options: &RefineOptions,
-    progress: Option<ProgressSink<'_>>,
-) -> Result<(Estimate, Adjustment), NoSolution> {
-    adjust(problem, start, options, progress).map(|adjusted| (adjusted.estimate, adjusted.adjustment))
-}
-
 /// Adjusts `start`.
-pub fn adjust(
+pub fn adjust_network(
     problem: &Problem,
     start: &Estimate,
     options: &RefineOptions,

@@ -3,9 +3,10 @@
 use crate::cloud::CloudIndex;
 use crate::diagnose::{Influence, Quantity, expectation, source_key};
 use crate::estimate::{Estimate, VehicleEstimate};
-use crate::initialise::{Method, initialise};
+use crate::network::{BodyFrame, MotionPriors, camera_gap};
+use crate::pipeline::{Options, start};
 use crate::problem::Problem;
-use crate::refine::{BodyFrame, MotionPriors, RefineOptions, adjust, camera_gap, expected};
+use crate::refine::expected;
 use crate::simulate::scenario::{BodySettings, Scenario};
 use crate::simulate::{Chance, SimulatedVideo, World};
 use nalgebra::{Point3, Vector3};
@@ -141,10 +142,9 @@ impl Prepared {
     /// there is no result.
     pub fn run(&self, number: u64) -> Result<RunErrors, String> {
         let video = self.world.video(Chance::Run(number)).map_err(|findings| findings.to_string())?;
-        let start =
-            initialise(&video.problem, Method::RobustWhereNeeded).map_err(|error| error.to_string())?;
-        let adjusted = adjust(&video.problem, &start.estimate, &RefineOptions::default(), None)
-            .map_err(|error| error.to_string())?;
+        let options = Options::default();
+        let started = start(&video.problem, options.method).map_err(|error| error.to_string())?;
+        let adjusted = started.refine(&options.refine, None).map_err(|error| error.to_string())?;
         let mut errors = RunErrors::default();
         for vehicle in 0..video.problem.vehicles.len() {
             if let Some(why) = &adjusted.estimate.vehicles[vehicle].left_out {

@@ -21,9 +21,9 @@ pub use sources::source_name;
 pub use verdict::{fact_word, verdict_lines};
 
 use crate::initialise::InitialWarning;
+use crate::pipeline::{Error, NoSigmas};
 use crate::refine::AdjustmentWarning;
 use std::fmt;
-use trackbundle_solver::covariance::NoCovariance;
 
 /// What a sentence says, for programs.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,15 +96,6 @@ pub enum Warning {
     },
 }
 
-/// Why there are no standard deviations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoSigmas {
-    /// There is no final least squares.
-    NoLeastSquares,
-    /// The normal equations have no inverse, or none that fits into memory.
-    NoCovariance(NoCovariance),
-}
-
 impl fmt::Display for NoSigmas {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -113,6 +104,22 @@ impl fmt::Display for NoSigmas {
         }
     }
 }
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Error::Invalid(findings) => findings.fmt(f),
+            Error::Faulty(faults) => faults.fmt(f),
+            Error::NotComputed(missing) => {
+                write!(f, "this problem needs what this version does not compute: {}", missing.join("; "))
+            }
+            Error::NotResectable(why) => why.fmt(f),
+            Error::NoSolution(why) => why.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
 
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

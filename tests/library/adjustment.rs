@@ -2,6 +2,7 @@
 
 use crate::support;
 
+use crate::support::refine;
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 use support::drive::{Drive, Truth};
@@ -10,7 +11,7 @@ use trackbundle::files::read_problem;
 use trackbundle::geometry::{Pose, align::rigid_fit, rotation::exp};
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjustment, MotionPriors, NoSolution, RefineOptions, refine};
+use trackbundle::refine::{Adjustment, MotionPriors, NoSolution, RefineOptions};
 use trackbundle::terrain::{Grid, Terrain};
 use trackbundle_solver::loss::LossName;
 

@@ -8,12 +8,13 @@
 
 use crate::support;
 
+use crate::support::refine;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::drive::Drive;
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
-use trackbundle::refine::{MotionPrior, MotionPriors, Order, RefineOptions, Strengths, refine};
+use trackbundle::refine::{MotionPrior, MotionPriors, Order, RefineOptions, Strengths};
 
 const KINDS: [&str; 4] = ["straight", "turning", "reversing", "standing"];
 

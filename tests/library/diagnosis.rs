@@ -9,7 +9,9 @@ use trackbundle::diagnose::{Diagnosis, Trust, Verdict, VerdictReason, diagnose};
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjusted, Arrangement, MotionPriors, Network, RefineOptions, Source, adjust};
+use trackbundle::refine::{
+    Adjusted, Arrangement, MotionPriors, Network, RefineOptions, Source, adjust_network as adjust,
+};
 use trackbundle_solver::system::{GroupId, Values};
 
 fn problem(drive: &Drive) -> Problem {

@@ -11,13 +11,14 @@
 
 use crate::support;
 
+use crate::support::refine;
 use support::drive::{Drive, Truth};
 use support::gross::{Contamination, Gross, contaminate};
 use trackbundle::estimate::Estimate;
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjustment, ImagePointVerdict, RefineOptions, RejectionReason, refine};
+use trackbundle::refine::{Adjustment, ImagePointVerdict, RefineOptions, RejectionReason};
 
 struct Run {
     problem: Problem,

@@ -2,13 +2,14 @@
 
 use crate::support;
 
+use crate::support::refine;
 use nalgebra::Point3;
 use support::drive::{Drive, Truth};
 use trackbundle::estimate::Estimate;
 use trackbundle::files::read_problem;
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{MotionPriors, RefineOptions, refine};
+use trackbundle::refine::{MotionPriors, RefineOptions};
 
 /// Straight, turning, reversing on a turn.
 const MOTIONS: [[f64; 2]; 3] = [[11.0, 0.0], [14.0, 0.25], [-4.0, 0.3]];

@@ -12,7 +12,7 @@ use trackbundle::files::{RESIDUALS, read_points, read_poses, read_problem, read_
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::Problem;
 use trackbundle::reference::read_reference;
-use trackbundle::refine::{Progress, RefineOptions, adjust};
+use trackbundle::refine::{Progress, RefineOptions, adjust_network as adjust};
 use trackbundle::report::result_tables;
 use trackbundle::scene;
 use trackbundle::tables::Findings;

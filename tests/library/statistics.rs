@@ -18,7 +18,7 @@ use trackbundle::estimate::Estimate;
 use trackbundle::geometry::align::rigid_fit;
 use trackbundle::geometry::skew;
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjusted, Network, RefineOptions, Source, adjust};
+use trackbundle::refine::{Adjusted, Network, RefineOptions, Source, adjust_network as adjust};
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::LossName;
 

@@ -13,7 +13,7 @@ use support::moving::{FULL, Flight};
 use trackbundle::diagnose::{Diagnosis, diagnose};
 use trackbundle::initialise::{Method, initialise};
 use trackbundle::problem::{Freedom, KnownTime, Problem, ReceiverKnowledge, Shutter};
-use trackbundle::refine::{Adjusted, RefineOptions, adjust};
+use trackbundle::refine::{Adjusted, RefineOptions, adjust_network as adjust};
 
 fn adjusted(problem: &Problem) -> (Adjusted, Diagnosis) {
     let start = initialise(problem, Method::RobustWhereNeeded).unwrap().estimate;

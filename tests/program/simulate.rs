@@ -277,8 +277,7 @@ fn a_path_of_known_strength_is_found_to_be_so_strong() {
         )
         .unwrap();
         let options = trackbundle::refine::RefineOptions::default();
-        let (_, adjustment) =
-            trackbundle::refine::refine(&film.problem, &start.estimate, &options, None).unwrap();
+        let (_, adjustment) = crate::support::refine(&film.problem, &start.estimate, &options, None).unwrap();
         let own = adjustment.motion.iter().find(|m| m.body != trackbundle::refine::Body::Camera).unwrap();
         assert_eq!(own.order, Order::Acceleration);
         found.push([own.strength.linear, own.strength.angular]);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use support::score::rows;
 use support::{in_package, program};
 use trackbundle::diagnose::{Quantity, diagnose, expectation};
-use trackbundle::refine::{MotionPriors, RefineOptions, adjust, expected};
+use trackbundle::refine::{MotionPriors, RefineOptions, adjust_network as adjust, expected};
 use trackbundle::simulate::{Chance, World, read_scenario};
 use trackbundle::study::{Kept, read_study, run};
 

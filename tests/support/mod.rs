@@ -11,6 +11,20 @@ pub mod score;
 
 pub use place::in_package;
 use std::path::Path;
+use trackbundle::estimate::Estimate;
+use trackbundle::problem::Problem;
+use trackbundle::refine::{Adjusted, Adjustment, NoSolution, ProgressSink, RefineOptions, adjust_network};
+
+/// The adjusted unknowns and how they were found.
+pub fn refine(
+    problem: &Problem,
+    start: &Estimate,
+    options: &RefineOptions,
+    progress: Option<ProgressSink<'_>>,
+) -> Result<(Estimate, Adjustment), NoSolution> {
+    let Adjusted { estimate, adjustment, .. } = adjust_network(problem, start, options, progress)?;
+    Ok((estimate, adjustment))
+}
 
 /// The program.
 pub fn program() -> assert_cmd::Command {

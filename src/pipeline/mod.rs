@@ -1,0 +1,172 @@
+//! The whole run as one call: read, initialise, adjust, diagnose, judge.
+//!
+//! ```text
+//! folder -> Problem -> start -> Started -> adjust -> Judged        adjust_folder: all of it, as an Outcome
+//! ```
+//!
+//! The program, studies, benchmarks and tests run through here. What a result is compared with is not seen from here.
+
+mod outcome;
+
+pub use outcome::{Outcome, Seconds, TrackPlace};
+
+use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
+use crate::files::{Folder, read_problem};
+use crate::initialise::{Initial, Method, NotResectable, initialise};
+use crate::problem::{Faults, Problem};
+use crate::refine::{Adjusted, NoSolution, ProgressSink, RefineOptions, adjust_network};
+use crate::tables::Findings;
+use std::path::Path;
+use std::time::Instant;
+use trackbundle_solver::covariance::NoCovariance;
+
+/// What a user may choose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// How first shapes are found.
+    pub method: Method,
+    /// The adjustment.
+    pub refine: RefineOptions,
+    /// Standard deviations of the path between poses, so many times a second; `None`: of poses alone.
+    pub states_hz: Option<f64>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { method: Method::RobustWhereNeeded, refine: RefineOptions::default(), states_hz: None }
+    }
+}
+
+/// Why there is no result.
+#[derive(Clone, Debug)]
+pub enum Error {
+    /// The folder is not valid: every finding with its file, line and column.
+    Invalid(Findings),
+    /// The problem was built with values that it must not have.
+    Faulty(Faults),
+    /// The problem needs what this version does not compute.
+    NotComputed(Vec<String>),
+    /// No camera pose can be found.
+    NotResectable(NotResectable),
+    /// The adjustment has no solution.
+    NoSolution(NoSolution),
+}
+
+impl From<NotResectable> for Error {
+    fn from(error: NotResectable) -> Self {
+        Error::NotResectable(error)
+    }
+}
+
+impl From<NoSolution> for Error {
+    fn from(error: NoSolution) -> Self {
+        Error::NoSolution(error)
+    }
+}
+
+/// Why there are no standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoSigmas {
+    /// There is no final least squares.
+    NoLeastSquares,
+    /// The normal equations have no inverse, or none that fits into memory.
+    NoCovariance(NoCovariance),
+}
+
+/// A problem with its first estimate.
+pub struct Started<'a> {
+    /// The problem.
+    pub problem: &'a Problem,
+    /// The first estimate.
+    pub initial: Initial,
+    /// How long it took \[s\].
+    pub initialise_s: f64,
+}
+
+/// An adjustment with what can be said of it.
+pub struct Judged {
+    /// The adjusted unknowns, how they were found, and the least squares behind them.
+    pub adjusted: Adjusted,
+    /// Standard deviations, observability, tests.
+    pub diagnosis: Result<Diagnosis, NoSigmas>,
+    /// Whether the result can be relied on; `None` without a diagnosis.
+    pub verdict: Option<Verdict>,
+    /// How long the adjustment took \[s\].
+    pub refine_s: f64,
+    /// How long the diagnosis took \[s\].
+    pub diagnose_s: f64,
+}
+
+/// Finds the first estimate of a problem. The error says why no camera pose can be had.
+pub fn start(problem: &Problem, method: Method) -> Result<Started<'_>, NotResectable> {
+    let begin = Instant::now();
+    let initial = initialise(problem, method)?;
+    Ok(Started { problem, initial, initialise_s: begin.elapsed().as_secs_f64() })
+}
+
+impl Started<'_> {
+    /// The adjustment alone.
+    pub fn refine(
+        &self,
+        options: &RefineOptions,
+        progress: Option<ProgressSink<'_>>,
+    ) -> Result<Adjusted, NoSolution> {
+        adjust_network(self.problem, &self.initial.estimate, options, progress)
+    }
+
+    /// The adjustment, its diagnosis and its verdict.
+    pub fn adjust(
+        &self,
+        options: &Options,
+        progress: Option<ProgressSink<'_>>,
+    ) -> Result<Judged, NoSolution> {
+        let begin = Instant::now();
+        let mut adjusted = self.refine(&options.refine, progress)?;
+        let refine_s = begin.elapsed().as_secs_f64();
+        let begin = Instant::now();
+        let diagnosis = match diagnose_with_states(self.problem, &mut adjusted, options.states_hz) {
+            None => Err(NoSigmas::NoLeastSquares),
+            Some(found) => found.map_err(NoSigmas::NoCovariance),
+        };
+        let judge = |found: &Diagnosis| Verdict::new(self.problem, &adjusted.adjustment, found);
+        let verdict = diagnosis.as_ref().ok().map(judge);
+        let diagnose_s = begin.elapsed().as_secs_f64();
+        Ok(Judged { adjusted, diagnosis, verdict, refine_s, diagnose_s })
+    }
+}
+
+/// Reads a problem folder and adjusts it.
+///
+/// # Errors
+///
+/// [`Error::Invalid`] with every finding where the folder is not valid, [`Error::NotComputed`] where it needs what
+/// this version has not, [`Error::NotResectable`] and [`Error::NoSolution`] where nothing can be computed from it.
+pub fn adjust_folder(folder: impl AsRef<Path>, options: &Options) -> Result<Outcome, Error> {
+    let begin = Instant::now();
+    let Folder { problem, warnings, .. } = read_problem(folder.as_ref()).map_err(Error::Invalid)?;
+    let problem = problem.map_err(Error::NotComputed)?;
+    let read_s = begin.elapsed().as_secs_f64();
+    let mut outcome = run(problem, options)?;
+    outcome.input_warnings = warnings;
+    outcome.seconds.read = read_s;
+    Ok(outcome)
+}
+
+/// Adjusts a problem that was built in memory, once it is clear that it is one.
+///
+/// # Errors
+///
+/// [`Error::Faulty`] where an index is out of range, a number is not finite, or the like; else as [`adjust_folder`].
+pub fn adjust_problem(problem: Problem, options: &Options) -> Result<Outcome, Error> {
+    problem.check().map_err(Error::Faulty)?;
+    run(problem, options)
+}
+
+fn run(problem: Problem, options: &Options) -> Result<Outcome, Error> {
+    let started = start(&problem, options.method)?;
+    let judged = started.adjust(options, None)?;
+    let Started { initial, initialise_s, .. } = started;
+    let Judged { adjusted, diagnosis, verdict, refine_s, diagnose_s } = judged;
+    let seconds = Seconds { read: 0.0, initialise: initialise_s, refine: refine_s, diagnose: diagnose_s };
+    Ok(Outcome { problem, initial, adjusted, diagnosis, verdict, input_warnings: Vec::new(), seconds })
+}
