@@ -6,7 +6,7 @@
 
 use nalgebra::Point3;
 use std::io::Write;
-use trackbundle::cloud::{CloudIndex, distances};
+use trackbundle::internals::cloud::{CloudIndex, distances};
 
 fn points(path: &str) -> Result<Vec<Point3<f64>>, String> {
     let text = std::fs::read_to_string(path).map_err(|e| format!("{path}: {e}"))?;

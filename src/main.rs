@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    trackbundle::cli::run()
+    ExitCode::from(trackbundle::run(std::env::args_os()))
 }

@@ -1,8 +1,8 @@
 //! A comparison in a few lines.
 
 use super::output::{counted, grouped};
+use crate::clock::ClockOffset;
 use crate::evaluate::alignment::{Aligned, Alignment};
-use crate::evaluate::clock::ClockOffset;
 use crate::evaluate::pairs::Association;
 use crate::evaluate::shape::ShapeComparison;
 use crate::evaluate::statistics::DifferenceStatistics;

@@ -21,8 +21,8 @@ use crate::refine::NoSolution;
 use crate::report::folder::PlaceError;
 use crate::tables::Findings;
 use clap::{CommandFactory, Parser, Subcommand};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 /// Bundle adjustment of moving vehicles filmed from a small drone.
 #[derive(Debug, Parser)]
@@ -103,9 +103,19 @@ impl From<NotResectable> for Failure {
     }
 }
 
-/// Runs the program with the arguments of this process.
-pub fn run() -> ExitCode {
-    let arguments = Arguments::parse();
+/// Runs the program with these arguments, its own name first; returns its exit code. What it has to say goes to the
+/// standard streams, and no error or panic leaves it.
+pub fn run(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> u8 {
+    let given: Vec<OsString> = arguments.into_iter().map(Into::into).collect();
+    let arguments = match Arguments::try_parse_from(&given) {
+        Ok(arguments) => arguments,
+        Err(told) => {
+            // Help and the version are told this way too.
+            let _ = told.print();
+            return told.exit_code().try_into().unwrap_or(2);
+        }
+    };
+    options::set_command(&given);
     let result = std::panic::catch_unwind(|| match &arguments.command {
         Command::Check(arguments) => check::run(arguments),
         Command::Initialise(arguments) => initialise::run(arguments),
@@ -122,18 +132,18 @@ pub fn run() -> ExitCode {
         }
     });
     match result {
-        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Ok(())) => 0,
         Ok(Err(failure)) => report(&failure),
         // The message of the panic has been printed.
-        Err(_) => ExitCode::from(1),
+        Err(_) => 1,
     }
 }
 
-fn report(failure: &Failure) -> ExitCode {
+fn report(failure: &Failure) -> u8 {
     match failure {
         Failure::Usage(message) => {
             eprintln!("error: {message}");
-            ExitCode::from(2)
+            2
         }
         Failure::Invalid(folders) => {
             for (folder, findings) in folders {
@@ -144,15 +154,15 @@ fn report(failure: &Failure) -> ExitCode {
                 let s = if count == 1 { "" } else { "s" };
                 eprintln!("{}: {count} finding{s}; nothing was computed or written", folder.display());
             }
-            ExitCode::from(3)
+            3
         }
         Failure::NoSolution(message) => {
             eprintln!("error: {message}");
-            ExitCode::from(4)
+            4
         }
         Failure::Other(message) => {
             eprintln!("error: {message}");
-            ExitCode::from(1)
+            1
         }
     }
 }

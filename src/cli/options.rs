@@ -10,6 +10,8 @@ use crate::report::folder::{Holds, Staged, check_place, whole_file};
 use crate::report::{File, Report};
 use crate::words::Warning;
 use clap::Args;
+use std::cell::RefCell;
+use std::ffi::OsString;
 use std::fmt::Display;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -238,10 +240,21 @@ const WITHOUT_EFFECT: [(&str, bool); 12] = [
     ("--elimination", true),
 ];
 
-/// The command of this process as a report quotes it: without places, and without options that change no
-/// number, so that equal results have equal reports.
+thread_local! {
+    /// The arguments that the program runs with, without its own name.
+    static COMMAND: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
+}
+
+/// Keeps the arguments of the program for [`command_told`].
+pub fn set_command(arguments: &[OsString]) {
+    let told = arguments.iter().skip(1).map(|argument| argument.to_string_lossy().into_owned());
+    COMMAND.set(told.collect());
+}
+
+/// The command as a report quotes it: without places, and without options that change no number, so that equal
+/// results have equal reports.
 pub fn command_told(problem: &Path) -> String {
-    told(std::env::args().skip(1), problem)
+    told(COMMAND.with_borrow(Clone::clone).into_iter(), problem)
 }
 
 fn told(arguments: impl Iterator<Item = String>, problem: &Path) -> String {

@@ -1,6 +1,6 @@
 //! A result held against what it was never adjusted to.
 //!
-//! Tracks are compared with GNSS positions: clocks ([`clock`]), association in time ([`pairs`], [`curve`]),
+//! Tracks are compared with GNSS positions: clocks ([`crate::clock`]), association in time ([`pairs`], [`crate::clock::curve`]),
 //! and what is left ([`track`], [`statistics`]). A difference is result minus reference, as they stand
 //! unless an alignment is asked for ([`alignment`]). `docs/evaluate.md` has the formulas.
 
@@ -10,15 +10,13 @@ pub mod shape;
 pub mod statistics;
 pub mod track;
 
-pub use crate::clock;
-pub use crate::clock::curve;
+use crate::clock::curve::Curve;
+use crate::clock::{ClockOffset, Shift, clock_offset};
 use crate::files::{ResultPoint, TrackPosition};
 use crate::reference::{GnssPosition, Reference, TrueShape};
 use crate::rules::Rules;
 use crate::stats::quantile::median;
 use alignment::Alignment;
-use clock::{ClockOffset, Shift, clock_offset};
-use curve::Curve;
 use nalgebra::Point3;
 use pairs::Association;
 use shape::{Registering, ShapeComparison, compare_shape};

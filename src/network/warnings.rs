@@ -72,3 +72,17 @@ pub enum NetworkWarning {
         receiver: String,
     },
 }
+
+impl NetworkWarning {
+    /// Whether another says the same, though perhaps of poses that have moved a little since.
+    pub fn is_of_the_same(&self, other: &NetworkWarning) -> bool {
+        use NetworkWarning::WithoutGround;
+        match (self, other) {
+            (
+                WithoutGround { vehicle, poses, frame, .. },
+                WithoutGround { vehicle: other, poses: other_poses, frame: other_frame, .. },
+            ) => (vehicle, poses, frame) == (other, other_poses, other_frame),
+            _ => self == other,
+        }
+    }
+}

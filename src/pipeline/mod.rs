@@ -97,7 +97,28 @@ pub struct Judged {
     pub diagnose_s: f64,
 }
 
-/// Finds the first estimate of a problem. The error says why no camera pose can be had.
+/// Finds the first estimate of a problem: the first part of a run that is followed.
+///
+/// ```
+/// use trackbundle::{Options, Progress, adjust_folder, start};
+///
+/// let problem = adjust_folder("problems/tiny", &Options::default())?.problem;
+/// let options = Options::default();
+/// let started = start(&problem, options.method)?;
+/// let mut rounds = Vec::new();
+/// let mut watch = |progress: Progress<'_>| {
+///     if let Progress::Round(_, name) = progress {
+///         rounds.push(name);
+///     }
+/// };
+/// let judged = started.adjust(&options, Some(&mut watch))?;
+/// assert_eq!(rounds.len(), judged.adjusted.adjustment.rounds.len());
+/// # Ok::<(), trackbundle::Error>(())
+/// ```
+///
+/// # Errors
+///
+/// Why no camera pose can be had.
 pub fn start(problem: &Problem, method: Method) -> Result<Started<'_>, NotResectable> {
     let begin = Instant::now();
     let initial = initialise(problem, method)?;
@@ -137,6 +158,19 @@ impl Started<'_> {
 
 /// Reads a problem folder and adjusts it.
 ///
+/// ```
+/// use trackbundle::{Error, Options, adjust_folder};
+///
+/// let outcome = adjust_folder("problems/tiny", &Options::default())?;
+/// assert!(outcome.adjustment().sigma0.is_some());
+///
+/// let Err(Error::Invalid(findings)) = adjust_folder("problems/no-such-folder", &Options::default()) else {
+///     panic!("a folder that is not there is not valid")
+/// };
+/// println!("{findings}");
+/// # Ok::<(), Error>(())
+/// ```
+///
 /// # Errors
 ///
 /// [`Error::Invalid`] with every finding where the folder is not valid, [`Error::NotComputed`] where it needs what
@@ -152,7 +186,20 @@ pub fn adjust_folder(folder: impl AsRef<Path>, options: &Options) -> Result<Outc
     Ok(outcome)
 }
 
-/// Adjusts a problem that was built in memory, once it is clear that it is one.
+/// Adjusts a problem that was built in memory, once it is clear that it is one. `examples/problem_in_memory.rs` builds
+/// one from nothing.
+///
+/// ```
+/// use trackbundle::{Error, Options, adjust_folder, adjust_problem};
+///
+/// let mut problem = adjust_folder("problems/tiny", &Options::default())?.problem;
+/// problem.vehicles[0].observations[0].sigma_px = 0.0;
+/// let Err(Error::Faulty(faults)) = adjust_problem(problem, &Options::default()) else {
+///     panic!("an image point needs a standard deviation above zero")
+/// };
+/// println!("{faults}");
+/// # Ok::<(), Error>(())
+/// ```
 ///
 /// # Errors
 ///

@@ -360,9 +360,9 @@ fn warnings(
 ) -> Vec<AdjustmentWarning> {
     let mut warnings: Vec<AdjustmentWarning> = Vec::new();
     for warning in models.iter().flat_map(|model| &model.warnings) {
-        let warning = AdjustmentWarning::Network(warning.clone());
-        if !warnings.contains(&warning) {
-            warnings.push(warning);
+        let is_repeated = |told: &AdjustmentWarning| matches!(told, AdjustmentWarning::Network(told) if told.is_of_the_same(warning));
+        if !warnings.iter().any(is_repeated) {
+            warnings.push(AdjustmentWarning::Network(warning.clone()));
         }
     }
     if !has_least_squares {

@@ -2,10 +2,10 @@
 
 use super::folder::PROGRAM;
 use super::json::SCHEMA;
+use crate::clock::ClockOffset;
+use crate::clock::curve::GAP_STEPS;
 use crate::cloud::DistanceStatistics;
 use crate::evaluate::alignment::{Aligned, Alignment};
-use crate::evaluate::clock::ClockOffset;
-use crate::evaluate::curve::GAP_STEPS;
 use crate::evaluate::shape::ShapeComparison;
 use crate::evaluate::statistics::{DifferenceStatistics, Distances};
 use crate::evaluate::track::{LEAST_SPEED_MPS, SpeedSource, TrackComparison};

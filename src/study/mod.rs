@@ -15,6 +15,7 @@ pub mod plan;
 pub mod settings;
 pub mod summary;
 
+use crate::simulate::read_scenario;
 pub use cell::{Prediction, RunErrors};
 use cell::{Prepared, predict};
 use parts::Part;
@@ -23,6 +24,23 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
+
+/// What accuracy a flight is expected to reach, from its scenario and without an image.
+///
+/// ```
+/// let predicted = trackbundle::predict_scenario("problems/scenarios/paper.toml")?;
+/// let [plan_m, height_m, ..] = predicted.sigmas[0];
+/// assert!(plan_m > 0.0 && plan_m < 0.5 && height_m > 0.0);
+/// # Ok::<(), String>(())
+/// ```
+///
+/// # Errors
+///
+/// Text: the scenario is not valid, shows too little of a vehicle, or leaves something undetermined.
+pub fn predict_scenario(scenario: impl AsRef<Path>) -> Result<Prediction, String> {
+    let scenario = read_scenario(scenario.as_ref()).map_err(|findings| findings.to_string())?;
+    predict(&scenario).map(|(prediction, _)| prediction)
+}
 
 /// Runs that are kept in one file.
 const CHUNK: usize = 10;

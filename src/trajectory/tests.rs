@@ -316,27 +316,6 @@ fn the_covariance_is_that_of_draws() {
 }
 
 #[test]
-fn two_thousand_states_are_quick() {
-    let (times, poses) = tumbling();
-    for order in ORDERS {
-        let path = Trajectory::new(times.clone(), poses.clone(), order, STRENGTHS);
-        let ask = |f: &dyn Fn(f64) -> f64| {
-            let run = |_| {
-                let start = std::time::Instant::now();
-                let sum: f64 = (0..2000).map(|k| f(f64::from(k) * 1e-3)).sum();
-                assert!(sum.is_finite());
-                start.elapsed().as_secs_f64()
-            };
-            // The machine may be busy.
-            (0..5).map(run).fold(f64::INFINITY, f64::min)
-        };
-        let plain = ask(&|t| path.state_at(t).unwrap().velocity_mps.x);
-        let linear = ask(&|t| path.linear_at(t).unwrap().process[(0, 0)]);
-        assert!(plain < 0.2 && linear < 0.4, "{plain} s, {linear} s");
-    }
-}
-
-#[test]
 fn knots_outside_the_window_hardly_count() {
     let rng = &mut ChaCha8Rng::seed_from_u64(9);
     let times: Vec<f64> =

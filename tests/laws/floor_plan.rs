@@ -92,6 +92,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
         11,
         "report",
         &[
+            "clock",
             "cloud",
             "tables",
             "words",
@@ -122,6 +123,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
         13,
         "cli",
         &[
+            "clock",
             "page",
             "scene",
             "report",

@@ -7,11 +7,11 @@ use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 use support::drive::{Drive, Truth};
 use trackbundle::estimate::{Estimate, LeftOut};
-use trackbundle::files::read_problem;
 use trackbundle::geometry::{Pose, align::rigid_fit, rotation::exp};
-use trackbundle::initialise::{Method, initialise};
+use trackbundle::internals::files::read_problem;
+use trackbundle::internals::initialise::{Method, initialise};
+use trackbundle::internals::refine::{Adjustment, MotionPriors, NoSolution, RefineOptions};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjustment, MotionPriors, NoSolution, RefineOptions};
 use trackbundle::terrain::{Grid, Terrain};
 use trackbundle_solver::loss::LossName;
 
@@ -267,7 +267,7 @@ fn check_points_are_compared_with_and_never_adjusted_to() {
     assert_eq!(end.vehicles, end_moved.vehicles);
     assert_eq!(adjustment.check_points.len(), 4);
     assert_eq!(adjustment.final_cost, adjustment_moved.final_cost);
-    let checked = |fits: &trackbundle::refine::Fits| -> Vec<f64> {
+    let checked = |fits: &trackbundle::internals::refine::Fits| -> Vec<f64> {
         let of_check = problem.target_observations.iter().zip(&fits.targets).filter(|(o, _)| o.target < 4);
         of_check
             .map(|(_, fit)| fit.unwrap())

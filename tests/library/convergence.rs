@@ -12,9 +12,9 @@ use crate::support::refine;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::drive::Drive;
-use trackbundle::files::read_problem;
-use trackbundle::initialise::{Method, initialise};
-use trackbundle::refine::{MotionPrior, MotionPriors, Order, RefineOptions, Strengths};
+use trackbundle::internals::files::read_problem;
+use trackbundle::internals::initialise::{Method, initialise};
+use trackbundle::internals::refine::{MotionPrior, MotionPriors, Order, RefineOptions, Strengths};
 
 const KINDS: [&str; 4] = ["straight", "turning", "reversing", "standing"];
 

@@ -6,7 +6,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use trackbundle::camera::{Camera, Lens};
 use trackbundle::geometry::{Pose, heading_rad};
-use trackbundle::initialise::{Initial, InitialWarning, Method, MotionBounds, initialise, initialise_within};
+use trackbundle::internals::initialise::{
+    Initial, InitialWarning, Method, MotionBounds, initialise, initialise_within,
+};
 use trackbundle::problem::{
     Frame, GroundKnowledge, Known, PoseSigma, Problem, ShapePoint, Vehicle, VehicleObservation,
 };

@@ -15,10 +15,10 @@ use crate::support::refine;
 use support::drive::{Drive, Truth};
 use support::gross::{Contamination, Gross, contaminate};
 use trackbundle::estimate::Estimate;
-use trackbundle::files::read_problem;
-use trackbundle::initialise::{Method, initialise};
+use trackbundle::internals::files::read_problem;
+use trackbundle::internals::initialise::{Method, initialise};
+use trackbundle::internals::refine::{Adjustment, ImagePointVerdict, RefineOptions, RejectionReason};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjustment, ImagePointVerdict, RefineOptions, RejectionReason};
 
 struct Run {
     problem: Problem,

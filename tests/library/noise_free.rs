@@ -6,10 +6,10 @@ use crate::support::refine;
 use nalgebra::Point3;
 use support::drive::{Drive, Truth};
 use trackbundle::estimate::Estimate;
-use trackbundle::files::read_problem;
-use trackbundle::initialise::{Method, initialise};
+use trackbundle::internals::files::read_problem;
+use trackbundle::internals::initialise::{Method, initialise};
+use trackbundle::internals::refine::{MotionPriors, RefineOptions};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{MotionPriors, RefineOptions};
 
 /// Straight, turning, reversing on a turn.
 const MOTIONS: [[f64; 2]; 3] = [[11.0, 0.0], [14.0, 0.25], [-4.0, 0.3]];

@@ -4,12 +4,12 @@ use nalgebra::{Point3, UnitQuaternion, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use trackbundle::camera::{Camera, Lens};
-use trackbundle::diagnose::observability::{
-    Class, Observability, describe, observability, observability_within,
-};
 use trackbundle::estimate::{Estimate, Imaging, VehicleEstimate};
 use trackbundle::geometry::Pose;
 use trackbundle::geometry::rotation::exp;
+use trackbundle::internals::diagnose::observability::{
+    Class, Observability, describe, observability, observability_within,
+};
 use trackbundle::problem::{
     Frame, GroundKnowledge, Known, PoseSigma, Problem, Role, ShapePoint, Target, TargetObservation, Vehicle,
     VehicleObservation,

@@ -9,9 +9,9 @@
 use nalgebra::{Point3, Translation3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use trackbundle::cloud::CloudIndex;
-use trackbundle::cloud::register::{RegisterOptions, Registration, register};
 use trackbundle::geometry::{Pose, rotation};
+use trackbundle::internals::cloud::CloudIndex;
+use trackbundle::internals::cloud::register::{RegisterOptions, Registration, register};
 
 /// Random numbers for tests.
 struct Draws(ChaCha8Rng);

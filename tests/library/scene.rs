@@ -6,16 +6,18 @@ use crate::support;
 use nalgebra::Point3;
 use std::collections::BTreeMap;
 use support::in_package;
-use trackbundle::diagnose::diagnose;
-use trackbundle::evaluate::{EvaluateOptions, evaluate, evaluate_shapes};
-use trackbundle::files::{RESIDUALS, read_points, read_poses, read_problem, read_residuals, read_tracks};
-use trackbundle::initialise::{Method, initialise};
+use trackbundle::internals::diagnose::diagnose;
+use trackbundle::internals::evaluate::{EvaluateOptions, evaluate, evaluate_shapes};
+use trackbundle::internals::files::{
+    RESIDUALS, read_points, read_poses, read_problem, read_residuals, read_tracks,
+};
+use trackbundle::internals::initialise::{Method, initialise};
+use trackbundle::internals::reference::read_reference;
+use trackbundle::internals::refine::{Progress, RefineOptions, adjust_network as adjust};
+use trackbundle::internals::report::result_tables;
+use trackbundle::internals::scene;
+use trackbundle::internals::tables::Findings;
 use trackbundle::problem::Problem;
-use trackbundle::reference::read_reference;
-use trackbundle::refine::{Progress, RefineOptions, adjust_network as adjust};
-use trackbundle::report::result_tables;
-use trackbundle::scene;
-use trackbundle::tables::Findings;
 use trackbundle_viz as viz;
 
 const PROBLEM: &str = "problems/suv-noisy";

@@ -13,12 +13,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::drawn::{Film, Truth, normal};
 use support::score::laid_on_truth;
-use trackbundle::diagnose::{Diagnosis, diagnose};
 use trackbundle::estimate::Estimate;
 use trackbundle::geometry::align::rigid_fit;
 use trackbundle::geometry::skew;
+use trackbundle::internals::diagnose::{Diagnosis, diagnose};
+use trackbundle::internals::refine::{Adjusted, Network, RefineOptions, Source, adjust_network as adjust};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjusted, Network, RefineOptions, Source, adjust_network as adjust};
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::LossName;
 

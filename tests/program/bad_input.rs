@@ -5,7 +5,7 @@ use crate::support;
 use std::path::Path;
 use support::drive::Drive;
 use support::program;
-use trackbundle::files::read_problem;
+use trackbundle::internals::files::read_problem;
 use trackbundle::problem::Video;
 
 /// A problem with every table there is.

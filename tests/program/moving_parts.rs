@@ -10,10 +10,10 @@ use crate::support;
 
 use nalgebra::Vector3;
 use support::moving::{FULL, Flight};
-use trackbundle::diagnose::{Diagnosis, diagnose};
-use trackbundle::initialise::{Method, initialise};
+use trackbundle::internals::diagnose::{Diagnosis, diagnose};
+use trackbundle::internals::initialise::{Method, initialise};
+use trackbundle::internals::refine::{Adjusted, RefineOptions, adjust_network as adjust};
 use trackbundle::problem::{Freedom, KnownTime, Problem, ReceiverKnowledge, Shutter};
-use trackbundle::refine::{Adjusted, RefineOptions, adjust_network as adjust};
 
 fn adjusted(problem: &Problem) -> (Adjusted, Diagnosis) {
     let start = initialise(problem, Method::RobustWhereNeeded).unwrap().estimate;
@@ -208,7 +208,7 @@ pub mod study {
     use nalgebra::{Matrix2, Vector2};
     use support::score::laid_on_truth;
     use trackbundle::geometry::align::rigid_fit;
-    use trackbundle::refine::CRITICAL;
+    use trackbundle::internals::refine::CRITICAL;
 
     /// What one run says: errors, and whether each lies in its 95 % region.
     #[derive(Clone, Debug, Default)]

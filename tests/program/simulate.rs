@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use support::score::{rows, score};
 use support::{in_package, program};
-use trackbundle::files::read_problem;
 use trackbundle::geometry::{Pose, interpolate, pose};
+use trackbundle::internals::files::read_problem;
+use trackbundle::internals::simulate::{Chance, World, read_scenario};
+use trackbundle::internals::trajectory::Order;
 use trackbundle::problem::Problem;
-use trackbundle::simulate::{Chance, World, read_scenario};
-use trackbundle::trajectory::Order;
 
 const SHIPPED: [&str; 9] =
     ["avenue", "crossing", "gross", "high", "paper", "road", "rolling", "streets", "van"];
@@ -271,14 +271,18 @@ fn a_path_of_known_strength_is_found_to_be_so_strong() {
     for seed in 0..6 {
         let world = World::new(read_scenario(&scenario("crossing")).unwrap(), Some(seed)).unwrap();
         let film = world.video(Chance::Run(seed)).unwrap();
-        let start = trackbundle::initialise::initialise(
+        let start = trackbundle::internals::initialise::initialise(
             &film.problem,
-            trackbundle::initialise::Method::RobustWhereNeeded,
+            trackbundle::internals::initialise::Method::RobustWhereNeeded,
         )
         .unwrap();
-        let options = trackbundle::refine::RefineOptions::default();
+        let options = trackbundle::internals::refine::RefineOptions::default();
         let (_, adjustment) = crate::support::refine(&film.problem, &start.estimate, &options, None).unwrap();
-        let own = adjustment.motion.iter().find(|m| m.body != trackbundle::refine::Body::Camera).unwrap();
+        let own = adjustment
+            .motion
+            .iter()
+            .find(|m| m.body != trackbundle::internals::refine::Body::Camera)
+            .unwrap();
         assert_eq!(own.order, Order::Acceleration);
         found.push([own.strength.linear, own.strength.angular]);
     }

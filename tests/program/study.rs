@@ -6,10 +6,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use support::score::rows;
 use support::{in_package, program};
-use trackbundle::diagnose::{Quantity, diagnose, expectation};
-use trackbundle::refine::{MotionPriors, RefineOptions, adjust_network as adjust, expected};
-use trackbundle::simulate::{Chance, World, read_scenario};
-use trackbundle::study::{Kept, read_study, run};
+use trackbundle::internals::diagnose::{Quantity, diagnose, expectation};
+use trackbundle::internals::refine::{MotionPriors, RefineOptions, adjust_network as adjust, expected};
+use trackbundle::internals::simulate::{Chance, World, read_scenario};
+use trackbundle::internals::study::{Kept, read_study, run};
 
 const SMALL: &str = "format = 1\nname = \"small\"\n[camera]\npreset = \"pinhole-4k\"\n[film]\nframes = 30\nrate_hz = 10.0\n\
     [flight]\naltitude_m = 50.0\n[[vehicle]]\nid = \"car1\"\nspeed_mps = 5.0\npoints = 15\nmarker_sigma_m = 0.02\n\
@@ -105,8 +105,9 @@ fn an_expectation_is_what_the_adjustment_will_say() {
         let found = expectation(&exact.problem, &truth, &network).unwrap();
         // The same problem with errors, adjusted, motion as strong as expected.
         let strengths = network.model.motion.strengths(&network.model.system);
-        let given =
-            |k: usize| trackbundle::refine::MotionPrior::Given(strengths[k].order, strengths[k].strength);
+        let given = |k: usize| {
+            trackbundle::internals::refine::MotionPrior::Given(strengths[k].order, strengths[k].strength)
+        };
         let options = RefineOptions {
             motion: MotionPriors { camera: given(0), vehicle: given(1) },
             ..RefineOptions::default()
@@ -152,7 +153,7 @@ fn shares_say_what_would_help() {
     let variance = |sigma_m: f64| {
         let mut scenario = base.clone();
         scenario.targets.sigma_m = sigma_m;
-        let (prediction, _) = trackbundle::study::cell::predict(&scenario).unwrap();
+        let (prediction, _) = trackbundle::internals::study::cell::predict(&scenario).unwrap();
         let share = |at: usize| {
             let factors = &prediction.factors[0][at];
             factors.iter().find(|(name, _)| name == "survey of targets").unwrap().1
@@ -318,7 +319,9 @@ fn honest(runs: usize, within: [f64; 2]) {
     let kept = Kept::open(&folder.path().join("kept"), &read).unwrap();
     let outcomes = run(&read, &kept, &|_, _| {}).unwrap();
     let mut all = Vec::new();
-    for row in trackbundle::study::summary::rows(&outcomes).iter().filter(|row| row.predicted.is_some()) {
+    for row in
+        trackbundle::internals::study::summary::rows(&outcomes).iter().filter(|row| row.predicted.is_some())
+    {
         let [ratio, low, high] = row.ratio.unwrap();
         println!("{} {}: {ratio:.3} ({low:.3} to {high:.3})", read.scenarios[row.cell].name, row.quantity);
         assert_eq!(row.runs, [runs, 0]);

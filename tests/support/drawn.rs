@@ -6,11 +6,11 @@ use rand_chacha::ChaCha8Rng;
 use trackbundle::camera::{Camera, Lens};
 use trackbundle::estimate::{Estimate, VehicleEstimate};
 use trackbundle::geometry::{Pose, rotation::exp};
+use trackbundle::internals::refine::{MotionPrior, MotionPriors, Order, Strengths};
 use trackbundle::problem::{
     Frame, GroundKnowledge, Known, PoseSigma, Problem, Role, ShapePoint, Target, TargetObservation, Vehicle,
     VehicleObservation,
 };
-use trackbundle::refine::{MotionPrior, MotionPriors, Order, Strengths};
 use trackbundle::terrain::Terrain;
 
 const STEP_S: f64 = 1.0 / 30.0;

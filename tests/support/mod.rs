@@ -12,8 +12,10 @@ pub mod score;
 pub use place::in_package;
 use std::path::Path;
 use trackbundle::estimate::Estimate;
+use trackbundle::internals::refine::{
+    Adjusted, Adjustment, NoSolution, ProgressSink, RefineOptions, adjust_network,
+};
 use trackbundle::problem::Problem;
-use trackbundle::refine::{Adjusted, Adjustment, NoSolution, ProgressSink, RefineOptions, adjust_network};
 
 /// The adjusted unknowns and how they were found.
 pub fn refine(

@@ -83,7 +83,7 @@ pub fn solve(linear: &LinearPoint, huber: f64) -> Option<Point3<f64>> {
 
 /// A sparse matrix under construction.
 #[derive(Default)]
-pub(in crate::initialise) struct Triplets {
+pub(crate) struct Triplets {
     rows: usize,
     row: Vec<usize>,
     column: Vec<usize>,
@@ -92,25 +92,25 @@ pub(in crate::initialise) struct Triplets {
 
 impl Triplets {
     /// Begins a row and returns its index.
-    pub(in crate::initialise) fn next_row(&mut self) -> usize {
+    pub(crate) fn next_row(&mut self) -> usize {
         self.rows += 1;
         self.rows - 1
     }
 
     /// Adds to an entry.
-    pub(in crate::initialise) fn add(&mut self, row: usize, column: usize, value: f64) {
+    pub(crate) fn add(&mut self, row: usize, column: usize, value: f64) {
         self.row.push(row);
         self.column.push(column);
         self.value.push(value);
     }
 
     /// Sets the number of rows of a matrix that is not built row by row.
-    pub(in crate::initialise) fn set_rows(&mut self, rows: usize) {
+    pub(crate) fn set_rows(&mut self, rows: usize) {
         self.rows = rows;
     }
 
     /// The matrix; entries that were added twice are summed.
-    pub(in crate::initialise) fn into_matrix(self, columns: usize) -> CscMatrix<f64> {
+    pub(crate) fn into_matrix(self, columns: usize) -> CscMatrix<f64> {
         CscMatrix::new_from_triplets(self.rows, columns, self.row, self.column, self.value)
     }
 }
