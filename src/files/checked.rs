@@ -43,9 +43,8 @@ pub(super) struct Checked<'t> {
 }
 
 impl Checked<'_> {
-    /// The folder, with the warnings of `findings`.
-    pub fn into_folder(self, findings: Findings) -> Folder {
-        let vehicles = self.vehicles();
+    /// The folder of these vehicles, with the warnings of `findings`.
+    pub fn into_folder(self, vehicles: Vec<Vehicle>, findings: Findings) -> Folder {
         let targets = TargetInventory::new(&self.targets, &self.target_observations, self.frames.len());
         let Settings { name, camera, .. } = self.settings;
         let poses = self.camera_poses.len();
@@ -82,7 +81,8 @@ impl Checked<'_> {
         Folder { inventory, problem: Ok(problem), warnings }
     }
 
-    fn vehicles(&self) -> Vec<Vehicle> {
+    /// The vehicles, with what is known of their points.
+    pub fn vehicles(&self, findings: &mut Findings) -> Vec<Vehicle> {
         let all = self.settings.vehicles.iter().zip(&self.vehicle_observations).enumerate();
         let vehicle =
             |(at, (settings, (ids, observations))): (usize, (&VehicleSettings, &(Vec<&str>, Vec<_>)))| {
@@ -95,15 +95,17 @@ impl Checked<'_> {
                     id: settings.id.clone(),
                     marker: marker.and_then(|(marker, _)| ids.binary_search(&marker.as_str()).ok()),
                     height: settings.height,
-                    scale_bars: Vec::new(),
                     is_car: settings.is_car,
                     points: ids.iter().map(shape_point).collect(),
                     observations: observations.clone(),
                     poses: (0..self.frames.len())
                         .map(|frame| self.vehicle_poses.get(&(at, frame)).copied())
                         .collect(),
+                    ..Vehicle::default()
                 }
             };
-        all.map(vehicle).collect()
+        let mut vehicles: Vec<Vehicle> = all.map(vehicle).collect();
+        self.settings.of_points.join(&mut vehicles, findings);
+        vehicles
     }
 }

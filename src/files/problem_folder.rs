@@ -18,8 +18,11 @@ pub fn read_problem(folder: &Path) -> Result<Folder, Findings> {
     let ground = settings.as_ref().and_then(|settings| read_ground(&mut reader, settings));
     let tables = Tables::read(&mut reader, settings, ground);
     let checked = check(&mut reader, &tables);
+    let checked = checked.map(|checked| (checked.vehicles(&mut reader.findings), checked));
     match checked {
-        Some(checked) if !reader.findings.is_invalid() => Ok(checked.into_folder(reader.findings)),
+        Some((vehicles, checked)) if !reader.findings.is_invalid() => {
+            Ok(checked.into_folder(vehicles, reader.findings))
+        }
         _ => Err(reader.findings),
     }
 }

@@ -6,7 +6,7 @@ pub use super::sections::FILE;
 use super::sections::terrain::GroundSettings;
 use super::sections::vehicle::VehicleSettings;
 use super::sections::video::VideoSettings;
-use super::sections::{camera, gnss, noise, terrain, vehicle, video};
+use super::sections::{OfPoints, camera, gnss, noise, terrain, vehicle, video};
 use crate::camera::Camera;
 use crate::problem::{Calibration, PoseSigma, Problem, ReceiverKnowledge, Shutter};
 use crate::tables::Findings;
@@ -25,6 +25,7 @@ pub struct Settings {
     pub vehicle_pose_sigma: PoseSigma,
     pub ground: Option<GroundSettings>,
     pub vehicles: Vec<VehicleSettings>,
+    pub of_points: OfPoints,
     pub video: Option<VideoSettings>,
 }
 
@@ -47,6 +48,7 @@ fn read(top: &Section) -> Option<Settings> {
         None => (None, Calibration::default(), Shutter::default()),
     };
     let vehicles = top.things("vehicle", "[[vehicle]]", vehicle::read, |vehicle| &vehicle.id);
+    let of_points = OfPoints::read(top);
     Some(Settings {
         name: name?,
         camera: camera?,
@@ -59,6 +61,7 @@ fn read(top: &Section) -> Option<Settings> {
         vehicle_pose_sigma: noise.vehicle,
         ground,
         vehicles,
+        of_points,
         video,
     })
 }
@@ -71,6 +74,7 @@ pub fn written(problem: &Problem, grid: Option<&str>) -> String {
     terrain::write(&mut text, problem, grid);
     gnss::write(&mut text, problem);
     vehicle::write(&mut text, problem);
+    OfPoints::write(&mut text, problem);
     text
 }
 

@@ -136,10 +136,8 @@ pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<ScaleGap> {
     if problem.receivers.iter().any(|receiver| is_own(receiver) && receiver.positions.len() >= 2) {
         return None;
     }
-    let knows = |axis: usize| vehicle.points.iter().filter(|p| p.known[axis].is_some()).count();
-    let knows_size = !vehicle.scale_bars.is_empty() || (0..3).any(|axis| knows(axis) >= 2);
-    let knows_height = knows(2) >= 1 || vehicle.height.is_some();
-    match (knows_size, knows_height, has_ground(problem, vehicle)) {
+    let knows_height = vehicle.height.is_some() || vehicle.points.iter().any(|p| p.known[2].is_some());
+    match (vehicle.knows_size(), knows_height, has_ground(problem, vehicle)) {
         (true, _, _) | (_, true, true) => None,
         (false, true, false) => Some(ScaleGap::NoTerrain),
         (false, false, true) => Some(ScaleGap::NoHeight),

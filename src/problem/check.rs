@@ -302,6 +302,9 @@ impl Check<'_> {
         }
         let ids = vehicle.points.iter().map(|point| point.id.as_str());
         self.unique("id", ids, |point| Part::ShapePoint(at, point));
+        for (field, wrong) in vehicle.faults_between_points() {
+            self.add(part, field, wrong);
+        }
         self.length(part, "poses", vehicle.poses.len(), self.problem.frames.len());
         for (frame, pose) in vehicle.poses.iter().enumerate() {
             pose.iter().for_each(|pose| self.pose(Part::VehiclePose(at, frame), "poses", pose));
@@ -408,11 +411,11 @@ mod tests {
                 id: "car".to_owned(),
                 marker: Some(1),
                 height: Some(Known { value_m: 1.5, sigma_m: 0.1 }),
-                scale_bars: Vec::new(),
                 is_car: false,
                 points: vec![shape_point("p"), shape_point("q")],
                 observations: vec![seen(0, 0), seen(0, 1), seen(1, 0)],
                 poses: vec![Some(Pose::identity()); 2],
+                ..Vehicle::default()
             }],
             vehicle_pose_sigma: sigma,
             ground: None,

@@ -114,7 +114,7 @@ pub struct TargetObservation {
 }
 
 /// A vehicle and all that was seen of it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Vehicle {
     /// Its id.
     pub id: String,
@@ -219,6 +219,40 @@ impl Vehicle {
     /// Whether a point can have coordinates: one frame alone gives two equations for three unknowns.
     pub fn determinable(&self) -> Vec<bool> {
         self.sightings().into_iter().map(|count| count >= 2).collect()
+    }
+
+    /// Whether something is known between its points that holds its size, wherever it is.
+    pub fn knows_size(&self) -> bool {
+        let knows = |axis: usize| self.points.iter().filter(|p| p.known[axis].is_some()).count();
+        let has_places = |bar: &ScaleBar, places: &[bool]| {
+            bar.points.iter().all(|point| places.get(*point) == Some(&true))
+        };
+        (0..3).any(|axis| knows(axis) >= 2)
+            || !self.scale_bars.is_empty() && {
+                let places = self.determinable();
+                self.scale_bars.iter().any(|bar| has_places(bar, &places))
+            }
+    }
+
+    /// What is wrong with what is known between its points: the field, and what is wrong with it.
+    fn faults_between_points(&self) -> Vec<(&'static str, Wrong)> {
+        let mut faults = Vec::new();
+        for bar in &self.scale_bars {
+            let count = self.points.len();
+            let beyond = bar.points.into_iter().filter(|point| *point >= count);
+            faults.extend(beyond.map(|found| ("scale_bars", Wrong::Index { found, count })));
+            if bar.points[0] == bar.points[1] {
+                faults.push(("scale_bars", Wrong::Repeated));
+            }
+            for number in [bar.length_m, bar.sigma_m] {
+                if !number.is_finite() {
+                    faults.push(("scale_bars", Wrong::NotFinite));
+                } else if number <= 0.0 {
+                    faults.push(("scale_bars", Wrong::NotAboveZero(number)));
+                }
+            }
+        }
+        faults
     }
 }
 

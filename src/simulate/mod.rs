@@ -10,6 +10,7 @@
 
 mod body;
 mod folder;
+pub mod knowledge;
 mod path;
 pub mod presets;
 mod read;

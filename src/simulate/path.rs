@@ -207,8 +207,7 @@ mod tests {
             track_s: None,
             dropout: 0.0,
             grazing_deg: 80.0,
-            height_sigma_m: None,
-            marker_sigma_m: None,
+            knowledge: Default::default(),
         }
     }
 

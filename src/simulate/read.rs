@@ -1,5 +1,6 @@
 //! `SCENARIO.toml`.
 
+use super::knowledge::KnowledgeSettings;
 use super::presets::{PRESETS, Preset};
 use super::scenario::{
     BodySettings, CameraSettings, Course, ErrorSettings, FlightSettings, Given, GnssSettings, PathSettings,
@@ -293,8 +294,7 @@ fn vehicle(vehicle: &Section) -> Option<VehicleSettings> {
         grazing_deg: vehicle
             .number("grazing_deg", "from 10 to 180 degrees", |v| (10.0..=180.0).contains(&v))
             .unwrap_or(80.0),
-        height_sigma_m: vehicle.not_negative("height_sigma_m"),
-        marker_sigma_m: vehicle.not_negative("marker_sigma_m"),
+        knowledge: KnowledgeSettings::read(vehicle),
     })
 }
 

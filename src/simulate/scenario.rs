@@ -2,6 +2,7 @@
 //!
 //! Numbers are in the units of their names; defaults are those of a small drone above a crossing.
 
+use super::knowledge::KnowledgeSettings;
 use crate::camera::Camera;
 use crate::problem::Calibration;
 use std::path::PathBuf;
@@ -216,10 +217,8 @@ pub struct VehicleSettings {
     pub dropout: f64,
     /// A surface is seen up to this angle from its normal; 180: through the body.
     pub grazing_deg: f64,
-    /// How well the height of the highest point is known; `None`: not at all.
-    pub height_sigma_m: Option<f64>,
-    /// How well the height of the marker is known.
-    pub marker_sigma_m: Option<f64>,
+    /// What is known of it beforehand.
+    pub knowledge: KnowledgeSettings,
 }
 
 /// `[targets]`.

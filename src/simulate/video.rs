@@ -1,5 +1,6 @@
 //! A video of a world.
 
+use super::knowledge::{KnownBody, LEAST_KNOWN_M};
 use super::path::{FINE, PlanPath};
 use super::scenario::{Course, Given, PoseSettings, Scenario, VehicleSettings};
 use super::wander::{Curve, Purpose, Times, normal, normal3, stream, values, wander, wanders};
@@ -9,7 +10,7 @@ use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
 use crate::problem::{
     Frame, Freedom, GroundKnowledge, Known, KnownTime, PoseSigma, Problem, ReceivedPosition, Receiver,
-    ReceiverKnowledge, Role, ShapePoint, Shutter, Target, TargetObservation, Vehicle, VehicleObservation,
+    ReceiverKnowledge, Role, Shutter, Target, TargetObservation, Vehicle, VehicleObservation,
 };
 use crate::reference::GnssPosition;
 use crate::tables::Findings;
@@ -23,8 +24,8 @@ use std::collections::BTreeSet;
 const ROW_TOLERANCE_S: f64 = 1e-9;
 /// ... in so many steps at the most.
 const ROW_STEPS: usize = 20;
-/// A known height, or a pose, is not better than this in what the problem says \[m\].
-const LEAST_KNOWN_M: f64 = 1e-4;
+/// Streams of what is known between points, of vehicles in their order, begin here.
+const BETWEEN_POINTS: usize = 1 << 19;
 
 /// Where a place is at a time.
 type Place<'a> = dyn Fn(f64) -> Option<Point3<f64>> + 'a;
@@ -347,33 +348,23 @@ impl World {
     /// What the problem says of a vehicle, but for its image points.
     fn vehicle(&self, at: usize, errors: &Errors, poses: &[Pose], sights: &Sights) -> Vehicle {
         let settings = &self.scenario.vehicles[at];
-        let mut rng = self.rng(errors, Purpose::Knowledge, 1 + at);
-        let [mark_error, height_error] = [(); 2].map(|()| normal(&mut rng));
-        let scatter = errors.on * self.scenario.errors.really.height;
-        let highest = sights.points.iter().map(|(_, p)| p.z).fold(f64::NEG_INFINITY, f64::max);
-        let known = |value_m: f64, sigma_m: f64, error: f64| Known {
-            value_m: value_m + sigma_m * error,
-            sigma_m: sigma_m.max(LEAST_KNOWN_M),
-        };
-        let shape = sights.points.iter().map(|(id, place)| {
-            let height = settings.marker_sigma_m.filter(|_| id == super::MARKER);
-            ShapePoint {
-                id: id.clone(),
-                known: [None, None, height.map(|s| known(place.z, s, mark_error * scatter))],
-            }
-        });
+        let mut sightings = vec![0; sights.points.len()];
+        sights.observations.iter().for_each(|o| sightings[o.point] += 1);
+        let marker = sights.points.iter().position(|(id, _)| id == super::MARKER);
+        let body = KnownBody { points: &sights.points, sightings: &sightings, marker };
+        let mut chance = self.rng(errors, Purpose::Knowledge, 1 + at);
+        // Streams of their own: where lengths are measured is of the plan, how wrongly is chance.
+        let mut plan = stream(self.seed, 0, Purpose::Knowledge, BETWEEN_POINTS + at);
+        let mut wrong = self.rng(errors, Purpose::Knowledge, BETWEEN_POINTS + at);
+        let heights = errors.on * self.scenario.errors.really.height;
+        let known = settings.knowledge.of_heights(&body, &mut chance, heights);
+        let known = settings.knowledge.between_points(known, &body, &mut plan, &mut wrong, errors.on);
         Vehicle {
             id: settings.id.clone(),
-            marker: sights.points.iter().position(|(id, _)| id == super::MARKER),
-            height: settings
-                .height_sigma_m
-                .filter(|_| highest.is_finite())
-                .map(|sigma_m| known(highest, sigma_m, scatter * height_error)),
-            scale_bars: Vec::new(),
+            marker,
             is_car: settings.is_car,
-            points: shape.collect(),
-            observations: Vec::new(),
             poses: self.given(poses, &self.scenario.poses[1], errors, Purpose::VehiclePoses, at, true),
+            ..known
         }
     }
 

@@ -147,11 +147,11 @@ fn vehicle(id: &str, simulation: &Simulation) -> (Vehicle, Vec<Pose>) {
         id: id.to_owned(),
         marker: Some(0),
         height: None,
-        scale_bars: Vec::new(),
         is_car: false,
         points,
         observations,
         poses: vec![None; FRAMES],
+        ..Vehicle::default()
     };
     (vehicle, poses)
 }

@@ -9,6 +9,7 @@ mod gross_errors;
 mod noise_free;
 mod observability;
 mod registration;
+mod scale_bar;
 mod scene;
 mod statistics;
 #[path = "../support/mod.rs"]

@@ -11,8 +11,8 @@ use trackbundle::internals::diagnose::observability::{
     Class, Observability, describe, observability, observability_within,
 };
 use trackbundle::problem::{
-    Frame, GroundKnowledge, Known, PoseSigma, Problem, Role, ShapePoint, Target, TargetObservation, Vehicle,
-    VehicleObservation,
+    Frame, GroundKnowledge, Known, PoseSigma, Problem, Role, ScaleBar, ShapePoint, Target, TargetObservation,
+    Vehicle, VehicleObservation,
 };
 use trackbundle::terrain::Terrain;
 
@@ -172,11 +172,11 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             id: format!("car{}", vehicle + 1),
             marker: None,
             height: plan.knows_height.then_some(Known { value_m: top, sigma_m: 0.05 }),
-            scale_bars: Vec::new(),
             is_car: false,
             points: (0..number).map(|p| ShapePoint { id: format!("p{p:04}"), known: [None; 3] }).collect(),
             observations: Vec::new(),
             poses: poses.iter().map(|pose| Some(*pose)).collect(),
+            ..Vehicle::default()
         });
         estimate.vehicles.push(VehicleEstimate {
             poses: poses.into_iter().map(Some).collect(),
@@ -555,6 +555,33 @@ fn scene(case: usize, rng: &mut ChaCha8Rng) -> Scene {
     scene
 }
 
+/// Gives some vehicles a scale bar, and theory what it fixes: the scale of its vehicle, or with ground that ties this
+/// to the world that of the world, and no frame. Where all depths are open a bar says something of two of them
+/// together, which has no name; such vehicles have none. Returns how many bars there are.
+fn add_bars(scene: &mut Scene, rng: &mut ChaCha8Rng) -> usize {
+    let mut count = 0;
+    for v in scene.vehicles() {
+        let (draw, id) = (rng.random_range(0..3), scene.id(v));
+        let points =
+            scene.problem.vehicles[v].points.iter().filter(|point| point.id.starts_with('p')).count();
+        let a = rng.random_range(0..points);
+        let b = (a + rng.random_range(1..points)) % points;
+        let open_depth = format!("depth of point p{a:04} of {id}");
+        if draw > 0 || scene.names.contains(&open_depth) {
+            continue;
+        }
+        let [from, to] = [a, b].map(|point| scene.estimate.vehicles[v].points[point].unwrap());
+        let bar = ScaleBar { points: [a, b], length_m: (from - to).norm(), sigma_m: 0.005 };
+        scene.problem.vehicles[v].scale_bars.push(bar);
+        count += 1;
+        let own = format!("scale of {id}");
+        let tied = scene.problem.ground.is_some().then(|| "scale of the world".to_owned());
+        let fixed = if scene.names.contains(&own) { Some(own) } else { tied };
+        scene.names.retain(|name| Some(name) != fixed.as_ref());
+    }
+    count
+}
+
 fn null_names(found: &Observability) -> Vec<String> {
     let null = found.directions.iter().filter(|direction| direction.class == Class::Null);
     let mut names: Vec<String> = null.map(|direction| direction.name.clone()).collect();
@@ -583,6 +610,8 @@ fn match_up(found: &[String], wanted: &[String]) -> Vec<String> {
 fn a_thousand_scenes_are_as_theory_says() {
     const SCENES: usize = 1000;
     let mut rng = ChaCha8Rng::seed_from_u64(20);
+    // Drawn apart, so that scenes are what they were without bars.
+    let (mut of_bars, mut bars) = (ChaCha8Rng::seed_from_u64(21), 0);
     let (mut defects, mut expected, mut all_names) = (0, 0, 0);
     let mut names = [0usize; 2];
     let mut alike = 0;
@@ -590,7 +619,8 @@ fn a_thousand_scenes_are_as_theory_says() {
     let mut sizes = (0, 0);
     for number in 0..SCENES {
         let case = number % CASES.len();
-        let scene = scene(case, &mut rng);
+        let mut scene = scene(case, &mut rng);
+        bars += add_bars(&mut scene, &mut of_bars);
         let found = observability(&scene.problem, &scene.estimate);
         assert!(found.is_dense);
         sizes = (sizes.0 + found.unknowns, sizes.1.max(found.unknowns));
@@ -635,6 +665,8 @@ fn a_thousand_scenes_are_as_theory_says() {
         names[0],
         names[1]
     );
+    println!("{bars} scale bars");
+    assert!(bars > SCENES / 3);
     assert!(100 * defects >= 99 * SCENES);
     assert!(100 * expected >= 99 * SCENES);
     assert!(100 * all_names >= 99 * SCENES);

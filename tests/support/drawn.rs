@@ -186,11 +186,11 @@ impl Film {
                 id: "car".to_owned(),
                 marker: Some(0),
                 height: None,
-                scale_bars: Vec::new(),
                 is_car: false,
                 points: points.collect(),
                 observations: of_car,
                 poses: start.vehicles[0].poses.clone(),
+                ..Vehicle::default()
             }],
             vehicle_pose_sigma: unknown,
             ground: Some(GroundKnowledge {

@@ -294,13 +294,13 @@ impl Flight {
                 id: "car".to_owned(),
                 marker: Some(0),
                 height: Some(Known { value_m: roof_m, sigma_m: self.roof_m }),
-                scale_bars: Vec::new(),
                 is_car: false,
                 points: (0..self.points)
                     .map(|at| ShapePoint { id: format!("p{at:03}"), known: [None; 3] })
                     .collect(),
                 observations: of_car,
                 poses: vehicle_poses,
+                ..Vehicle::default()
             }],
             vehicle_pose_sigma: PoseSigma {
                 position_m: Some(self.pose_m),
