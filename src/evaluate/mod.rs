@@ -11,7 +11,7 @@ pub mod statistics;
 pub mod track;
 
 use crate::clock::curve::Curve;
-use crate::clock::{ClockOffset, Shift, clock_offset};
+use crate::clock::{ClockEstimate, ClockOffset, Shift, clock_offset};
 use crate::files::{ResultPoint, TrackPosition};
 use crate::reference::{GnssPosition, Reference, TrueShape};
 use crate::rules::Rules;
@@ -181,7 +181,7 @@ fn with_drift(clock: ClockOffset, track: &[TrackPosition]) -> ClockOffset {
     let ClockOffset::Estimated(found) = clock else { return clock };
     let sigma = |axis: usize| median(track.iter().filter_map(|at| at.sigma_m[axis]).collect()).unwrap_or(0.0);
     let drift_s = (found.by_drift_s[0] * sigma(0)).hypot(found.by_drift_s[1] * sigma(1));
-    ClockOffset::Estimated(clock::ClockEstimate { sigma_s: found.sigma_s.hypot(drift_s), ..found })
+    ClockOffset::Estimated(ClockEstimate { sigma_s: found.sigma_s.hypot(drift_s), ..found })
 }
 
 fn evaluate_vehicle(

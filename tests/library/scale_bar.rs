@@ -1,12 +1,14 @@
 //! A known distance between two shape points: from the folder into the problem, and as what holds the scale.
 
 use std::path::Path;
-use trackbundle::diagnose::{Diagnosis, diagnose, source_key};
-use trackbundle::files::{problem_files, read_problem};
-use trackbundle::initialise::{Method, initialise};
+use trackbundle::internals::diagnose::{Diagnosis, diagnose, source_key};
+use trackbundle::internals::files::{problem_files, read_problem};
+use trackbundle::internals::initialise::{Method, initialise};
+use trackbundle::internals::refine::{
+    Adjusted, MotionPriors, RefineOptions, Source, adjust_network as adjust,
+};
+use trackbundle::internals::simulate::{Chance, SimulatedVideo, World, parse};
 use trackbundle::problem::{Fault, Faults, Part, Problem, Wrong};
-use trackbundle::refine::{Adjusted, MotionPriors, RefineOptions, Source, adjust};
-use trackbundle::simulate::{Chance, SimulatedVideo, World, parse};
 
 /// Nothing but bars knows the size of the car: no ground, no height, starting poses only. Image points are so good
 /// that the ends of a bar are seen much better than its length is known.

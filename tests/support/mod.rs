@@ -30,7 +30,10 @@ pub fn refine(
 
 /// The program.
 pub fn program() -> assert_cmd::Command {
-    assert_cmd::Command::new(option_env!("CARGO_BIN_EXE_trackbundle").expect("tests know the program"))
+    let Some(program) = option_env!("CARGO_BIN_EXE_trackbundle") else {
+        panic!("integration tests alone know the program")
+    };
+    assert_cmd::Command::new(program)
 }
 
 /// Copies the files and folders of one folder into another, which is made.
