@@ -18,7 +18,7 @@ pub struct LensKeys {
 
 /// A lens model: how rays `(x/z, y/z)` are bent, and the names of its numbers.
 pub trait LensModel: Sized {
-    /// Its keys; no more coefficients than [`COEFFICIENTS`].
+    /// Its keys; no more coefficients than `COEFFICIENTS`.
     const KEYS: LensKeys;
 
     /// The lens of these numbers, in the order of [`LensModel::KEYS`]; what it does not have is passed over.
@@ -41,7 +41,7 @@ pub trait LensModel: Sized {
     /// Derivative of [`LensModel::distort`], 2 x 2.
     fn distort_jacobian(&self, ray: &Vector2<f64>) -> Matrix2<f64>;
 
-    /// Derivative of [`LensModel::distort`] by the coefficients, 2 x [`COEFFICIENTS`]; it is linear in them.
+    /// Derivative of [`LensModel::distort`] by the coefficients, 2 x `COEFFICIENTS`; it is linear in them.
     fn by_coefficients(ray: &Vector2<f64>) -> SMatrix<f64, 2, COEFFICIENTS>;
 
     /// The ray that is bent to `distorted`, to machine precision; `None` where there is none inside the fold.

@@ -1,19 +1,23 @@
 //! The command line: arguments, progress, exit codes; one file per command.
 
+// Doc comments of arguments are what the terminal shows, angle brackets and all.
 mod check;
 mod comparison;
 mod comparison_text;
 #[cfg(test)]
 mod constants;
+#[allow(rustdoc::invalid_html_tags)]
 mod evaluate;
 mod evaluation_folder;
 mod initialise;
 mod options;
 mod output;
+#[allow(rustdoc::invalid_html_tags)]
 mod refine;
 mod session;
 mod simulate;
 mod study;
+#[allow(rustdoc::invalid_html_tags)]
 mod view;
 
 use crate::initialise::NotResectable;

@@ -1,6 +1,6 @@
 //! Constants of a stage: numbers with a name, a unit, a default and a reason, declared in one place.
 //!
-//! [`rules!`] makes of such a declaration a struct with these defaults, and the table from which
+//! `rules!` makes of such a declaration a struct with these defaults, and the table from which
 //! `docs/constants.md` is made ([`page`]).
 
 /// One constant of a stage.

@@ -40,16 +40,16 @@ const MOST_FLOPS: f64 = 5e11;
 
 /// How bodies shall be eliminated, where poses are eliminated along time.
 ///
-/// [`Elimination::JointBodies`]: crate::Elimination::JointBodies
-/// [`Elimination::SeparateBodies`]: crate::Elimination::SeparateBodies
+/// [`JointBodies`](crate::Elimination::JointBodies): crate::Elimination::JointBodies
+/// [`SeparateBodies`](crate::Elimination::SeparateBodies): crate::Elimination::SeparateBodies
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Arrangement {
     /// What takes fewer operations.
     #[default]
     Cheapest,
-    /// All poses along time, which leaves one dense system of all shapes: [`Elimination::JointBodies`].
+    /// All poses along time, which leaves one dense system of all shapes: [`JointBodies`](crate::Elimination::JointBodies).
     Together,
-    /// Each body with its shape, which leaves the observers and what all share: [`Elimination::SeparateBodies`].
+    /// Each body with its shape, which leaves the observers and what all share: [`SeparateBodies`](crate::Elimination::SeparateBodies).
     Apart,
 }
 

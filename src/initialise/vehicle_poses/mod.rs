@@ -193,7 +193,7 @@ fn stand(place_m: Vector2<f64>, heading_rad: f64, ground: &Ground) -> Pose {
     Pose::from_parts(Translation3::from(place_m.push(ground.height_m)), rotation)
 }
 
-/// For each point of a vehicle whether its track stays behind while the others drive on ([`static_tracks`]).
+/// For each point of a vehicle whether its track stays behind while the others drive on (`static_tracks.rs`).
 pub fn static_points(
     vehicle: &Vehicle,
     camera: &Camera,
