@@ -1,7 +1,7 @@
 //! `docs/constants.md` is made of the constants that the program runs with. After a change of one, write it anew:
 //!
 //! ```text
-//! WRITE_DOCS=1 cargo test --no-default-features --lib cli::constants
+//! WRITE_DOCS=1 cargo test --no-default-features --features program --lib cli::constants
 //! ```
 
 use crate::rules::page;
@@ -14,7 +14,7 @@ to know, or to change the program. Options of the commands are in `trackbundle C
 
 This page is made from the types in the sources and held against them by a test. After a change, write it anew:
 
-    WRITE_DOCS=1 cargo test --no-default-features --lib cli::constants
+    WRITE_DOCS=1 cargo test --no-default-features --features program --lib cli::constants
 ";
 
 #[test]

@@ -82,7 +82,7 @@ pub(crate) use rules;
 pub fn page(all: &[Rules]) -> String {
     let mut page = String::new();
     for rules in all {
-        let module = rules.module.split_once("::").map_or(rules.module, |(_, module)| module);
+        let module = rules.module.split_once("internals::").map_or(rules.module, |(_, module)| module);
         page +=
             &format!("\n## `{}` ({})\n\n{}\n\n", rules.name, module.replace("::", "/"), plain(rules.purpose));
         page += "| constant | default | unit | what it decides |\n|---|---|---|---|\n";
