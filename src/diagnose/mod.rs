@@ -10,6 +10,7 @@ mod moment;
 pub mod observability;
 pub mod parameters;
 mod precision;
+mod pull;
 mod scale;
 mod standstill;
 mod statistics;
@@ -20,6 +21,7 @@ pub use check_points::CheckPrecision;
 pub use expectation::{Expectation, Influence, Quantity, expectation};
 pub use parameters::Parameter;
 pub use precision::{PosePrecision, Precision, StatePrecision, TrackPrecision};
+pub use pull::{Pull, PullCause};
 pub use scale::{CommonError, Scale};
 pub use statistics::{Component, Reliability, Statistics, VarianceTest};
 pub use verdict::{Trust, Verdict, VerdictFact, VerdictReason};
@@ -30,6 +32,7 @@ use crate::refine::{Adjusted, CheckPoint, Network, Source, alone};
 use crate::rules::Rules;
 use inner::{Inner, UNDETERMINED};
 use observability::{Observability, observability};
+use pull::Pulls;
 use trackbundle_solver::covariance::{Covariance, NoCovariance};
 
 /// The most image points whose rows are examined for what they leave open: some kilobytes each.
@@ -61,6 +64,8 @@ pub struct Diagnosis {
     pub parameters: Vec<Parameter>,
     /// From when to when each vehicle stands \[s\].
     pub standstill: Vec<Vec<[f64; 2]>>,
+    /// What conventions and estimated strengths of motion do to each vehicle.
+    pub pulls: Vec<Pull>,
     /// For each vehicle how many directions of its frame are a convention, and the standard deviations of the
     /// six from what is known: root mean square over the points \[m\], worst first.
     pub frames: Vec<(usize, Vec<f64>)>,
@@ -113,6 +118,7 @@ fn vehicle_by_vehicle(
         let checks = if all.is_none() { adjusted.adjustment.check_points.as_slice() } else { &[] };
         let mut found = of_network(&own, &estimate, &mut network, checks, variance, states_hz)?;
         found.scales.iter_mut().for_each(|scale| scale.vehicle = vehicle);
+        found.pulls.iter_mut().for_each(|pull| pull.vehicle = vehicle);
         match &mut all {
             None => all = Some(found),
             Some(all) => all.join(found),
@@ -127,11 +133,12 @@ fn vehicle_by_vehicle(
 impl Diagnosis {
     /// Adds the diagnosis of another vehicle under the same cameras.
     fn join(&mut self, other: Diagnosis) {
-        let Diagnosis { precision, statistics, scales, frames, parameters, standstill, .. } = other;
+        let Diagnosis { precision, statistics, scales, pulls, frames, parameters, standstill, .. } = other;
         self.standstill.extend(standstill);
         self.precision.join(precision);
         self.statistics.join(statistics);
         self.scales.extend(scales);
+        self.pulls.extend(pulls);
         self.frames.extend(frames);
         self.join_parameters(parameters);
     }
@@ -168,6 +175,7 @@ fn of_network(
     let check_points =
         check_points::check_points(problem, estimate, checks, network, &mut covariance, variance);
     let parameters = parameters::parameters(problem, estimate, network, &mut covariance, variance);
+    let pulls = Pulls::new(problem, network, &mut covariance);
     let markers: Vec<Option<usize>> = problem
         .vehicles
         .iter()
@@ -184,6 +192,7 @@ fn of_network(
     // Its memory is wanted below.
     drop(inner);
     let standstill = standstills(problem, estimate, &precision);
+    let pulls = pulls.of_result(problem, estimate, network, &functionals, (&precision, &scales));
     let frames = network
         .frames
         .iter()
@@ -201,6 +210,7 @@ fn of_network(
         survey_tests: Vec::new(),
         parameters,
         standstill,
+        pulls,
         frames,
     })
 }

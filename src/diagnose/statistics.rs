@@ -205,7 +205,7 @@ pub fn statistics(problem: &Problem, network: &Network, covariance: &Covariance<
 }
 
 /// Rows of a group, the sum of their redundancy numbers and of their squared residuals.
-fn of_group(network: &Network, covariance: &Covariance<'_>, group: GroupId) -> (usize, f64, f64) {
+pub(super) fn of_group(network: &Network, covariance: &Covariance<'_>, group: GroupId) -> (usize, f64, f64) {
     let system = &network.model.system;
     let rows = system.rows(group);
     let squares = system.squared_norms(group, &network.values).into_iter().flatten().sum();

@@ -4,7 +4,7 @@
 //! sentence and code in the room `words`; the compiler names all three places.
 
 use super::observability::{Class, Observability};
-use super::{Diagnosis, Parameter, Source, VarianceTest};
+use super::{Diagnosis, Parameter, PullCause, Source, VarianceTest};
 use crate::problem::Problem;
 use crate::refine::{Adjustment, CRITICAL, DirectedTest};
 use crate::stats::quantile::upper_median;
@@ -20,6 +20,8 @@ const IMPROBABLE: f64 = 0.001;
 const OTHER_SCATTER: f64 = 1.1;
 /// A share of gross errors that calls for a look.
 const MANY_GROSS: f64 = 0.3;
+/// A convention may move nothing by more \[standard deviations\].
+const PULLS: f64 = 0.2;
 /// A source that holds a scale: without it the standard deviation is larger by more than this factor.
 const HOLDS: f64 = 2.0;
 
@@ -106,6 +108,15 @@ pub enum VerdictReason {
         /// What it was held against.
         limit: f64,
     },
+    /// A convention pulls at what is read of a vehicle.
+    ConventionPulls {
+        /// The vehicle.
+        vehicle: String,
+        /// By how many standard deviations.
+        sigmas: f64,
+        /// What it was held against.
+        limit: f64,
+    },
     /// The observations contradict what a number is held at.
     HeldNumberContradicted {
         /// The test.
@@ -126,6 +137,7 @@ impl VerdictReason {
             | VerdictReason::ImagesScatter { .. }
             | VerdictReason::ManyGross { .. }
             | VerdictReason::CheckPointsDisagree { .. }
+            | VerdictReason::ConventionPulls { .. }
             | VerdictReason::HeldNumberContradicted { .. } => Trust::WithCare,
         }
     }
@@ -236,6 +248,7 @@ impl Verdict {
             verdict.add_datum(found);
         }
         verdict.add_scales(problem, diagnosis);
+        verdict.add_pulls(problem, diagnosis);
         verdict.add_precision(problem, diagnosis);
         verdict.add_variances(diagnosis);
         verdict.add_images(adjustment, diagnosis);
@@ -301,6 +314,16 @@ impl Verdict {
             });
             if by_motion_alone {
                 self.find(VerdictReason::ScaleByMotionAlone { vehicle: vehicle() });
+            }
+        }
+    }
+
+    fn add_pulls(&mut self, problem: &Problem, diagnosis: &Diagnosis) {
+        for pull in diagnosis.pulls.iter().filter(|pull| pull.cause == PullCause::Conventions) {
+            let (sigmas, limit) = (pull.largest(), PULLS);
+            if sigmas > limit {
+                let vehicle = problem.vehicles[pull.vehicle].id.clone();
+                self.find(VerdictReason::ConventionPulls { vehicle, sigmas, limit });
             }
         }
     }

@@ -106,6 +106,11 @@ pub fn of_bridged_cameras(problem: &Problem, has_motion: bool) -> Vec<Option<[f6
     lost.map(|is_lost| is_lost.then(|| UNKNOWN_CAMERA_POSE.map(|sigma| sigma * factor))).collect()
 }
 
+/// Whether nothing but their own given poses holds the cameras, and they are adjusted.
+pub fn cameras_float(problem: &Problem, cameras: &Treatment) -> bool {
+    !targets_hold(problem) && cameras.free[..3].contains(&true)
+}
+
 /// Whether most frames see enough surveyed control targets to be held by them.
 fn targets_hold(problem: &Problem) -> bool {
     let mut seen = control_in_view(problem);

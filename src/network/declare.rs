@@ -4,11 +4,11 @@
 use super::blocks::{Blocks, add_blocks};
 use super::contact::add_contacts;
 use super::conventions::{add_body_boxes, add_frames, add_starting_shapes, add_tie_points, add_usual_sizes};
-use super::datum::Treatment;
+use super::datum::{self, Treatment};
 use super::driving::add_driving;
 use super::images::{Images, add_images};
 use super::knowledge::{add_camera_knowledge, add_knowledge, highest_points};
-use super::motion::{Body, Motion, MotionPriors, TimedPose};
+use super::motion::{Body, Counted, Motion, MotionPriors, TimedPose};
 use super::receivers::add_receivers;
 use super::selection::{Purpose, Selection};
 use super::sink::Sink;
@@ -86,7 +86,7 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
     }
     add_usual_sizes(sink, start, &blocks);
     add_tie_points(sink, problem, current, &blocks);
-    let motion = add_motion(sink, problem, current, &blocks, declaration.motion);
+    let motion = add_motion(sink, declaration, &blocks);
     add_driving(sink, problem, &blocks);
     Declared { blocks, images, highest_points, gnss_items, ground_shift, motion, datum, shape_rows, warnings }
 }
@@ -98,32 +98,55 @@ fn starting<'a>(declaration: &Declaration<'a>) -> Starting<'a> {
     Starting { start, now, cameras, vehicles }
 }
 
-fn add_motion(
-    sink: &mut impl Sink,
-    problem: &Problem,
-    current: &Estimate,
-    blocks: &Blocks,
-    priors: MotionPriors,
-) -> Motion {
+fn add_motion(sink: &mut impl Sink, declaration: &Declaration<'_>, blocks: &Blocks) -> Motion {
+    let Declaration { problem, current, motion: priors, .. } = *declaration;
     let mut motion = Motion::default();
-    let pose = |frame: usize, block: BlockId| TimedPose {
+    let pose = |frame: usize, block: BlockId, counted| TimedPose {
         time_s: problem.frames[frame].time_s,
         block,
-        seen_from: None,
+        counted,
     };
-    let of_camera: Vec<TimedPose> =
-        blocks.cameras.iter().enumerate().map(|(frame, block)| pose(frame, *block)).collect();
-    motion.add(sink, Body::Camera, &of_camera, priors.camera, false);
-    for (at, (vehicle, blocks)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
-        let seen = |(frame, block): (usize, &Option<BlockId>)| {
-            let camera = Point3::from(current.camera_poses[frame].translation.vector);
-            let place = current.vehicles[at].poses[frame]?.translation.vector;
-            let distance_m = (place - camera.coords).norm().max(1.0);
-            Some(TimedPose { seen_from: Some((camera, distance_m)), ..pose(frame, (*block)?) })
+    // Where only their own poses hold the cameras, the world has a size that no motion may decide.
+    let is_adrift = datum::cameras_float(problem, declaration.cameras);
+    let ground_z_m = is_adrift.then(|| middle_height_m(problem, current)).flatten();
+    let place = |frame: usize| current.camera_poses[frame].translation.vector;
+    let of_camera = |(frame, block): (usize, &BlockId)| {
+        let height_m = ground_z_m.map(|ground_z_m| (place(frame).z - ground_z_m, ground_z_m));
+        let counted = match height_m {
+            Some((height_m, ground_z_m)) => Counted::Heights { ground_z_m, height_m: height_m.max(1.0) },
+            None => Counted::Metres,
         };
-        let poses: Vec<TimedPose> = blocks.poses.iter().enumerate().filter_map(seen).collect();
+        pose(frame, *block, counted)
+    };
+    let of_cameras: Vec<TimedPose> = blocks.cameras.iter().enumerate().map(of_camera).collect();
+    motion.add(sink, Body::Camera, &of_cameras, priors.camera, false);
+    for (at, (vehicle, own)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
+        let seen = |(frame, block): (usize, &Option<BlockId>)| {
+            let vehicle = current.vehicles[at].poses[frame]?.translation.vector;
+            let distance_m = (vehicle - place(frame)).norm().max(1.0);
+            let counted = match is_adrift {
+                true => Counted::FromCamera { camera: blocks.cameras[frame], distance_m },
+                false => Counted::FromPlace { camera: Point3::from(place(frame)), distance_m },
+            };
+            Some(pose(frame, (*block)?, counted))
+        };
+        let poses: Vec<TimedPose> = own.poses.iter().enumerate().filter_map(seen).collect();
         let on_ground = problem.ground.is_some();
         motion.add(sink, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle, on_ground);
     }
     motion
+}
+
+/// About how high the ground is where vehicles drive \[m\]; `None` without terrain, or where it lies above a
+/// camera.
+fn middle_height_m(problem: &Problem, current: &Estimate) -> Option<f64> {
+    let ground = problem.ground.as_ref()?;
+    let poses = current.vehicles.iter().flat_map(|vehicle| vehicle.poses.iter().flatten());
+    let heights = poses.filter_map(|pose| {
+        let place = pose.translation.vector;
+        Some(ground.terrain.at(place.x, place.y).ok()?.height_m)
+    });
+    let (count, sum) = heights.fold((0_usize, 0.0), |(count, sum), height_m| (count + 1, sum + height_m));
+    let middle_m = (count > 0).then(|| sum / count as f64)?;
+    current.camera_poses.iter().all(|pose| pose.translation.z > middle_m).then_some(middle_m)
 }

@@ -16,7 +16,7 @@
 use super::sink::Sink;
 use super::source::Source;
 use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
-use crate::residuals::scale_free::ScaleFree;
+use crate::residuals::scale_free::{HeightFree, ScaleFree, ScaleFreeSeen};
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
 use crate::residuals::twist::LinearAcceleration;
 pub use crate::trajectory::{Order, Strengths};
@@ -112,8 +112,36 @@ pub struct TimedPose {
     pub time_s: f64,
     /// Its block.
     pub block: BlockId,
-    /// The camera that saw it and its distance \[m\]; all poses of a body have one, or none.
-    pub seen_from: Option<(Point3<f64>, f64)>,
+    /// In what its motion is counted there; alike for all poses of a body.
+    pub counted: Counted,
+}
+
+/// In what the motion of a body is counted.
+#[derive(Clone, Copy, Debug)]
+pub enum Counted {
+    /// In metres, along the axes of the world.
+    Metres,
+    /// In heights above the ground, along the axes of the world.
+    Heights {
+        /// Height of the ground \[m\].
+        ground_z_m: f64,
+        /// About how high above it the body is \[m\].
+        height_m: f64,
+    },
+    /// In distances from where the camera is held, along the axes of the body.
+    FromPlace {
+        /// The place of the camera.
+        camera: Point3<f64>,
+        /// About how far away it is \[m\].
+        distance_m: f64,
+    },
+    /// In distances from the camera wherever it goes, along the axes of the body.
+    FromCamera {
+        /// The pose of the camera.
+        camera: BlockId,
+        /// About how far away it is \[m\].
+        distance_m: f64,
+    },
 }
 
 /// The groups of motion priors in a system.
@@ -178,61 +206,97 @@ fn add_accelerations(
     poses: &[TimedPose],
     first: Strengths,
 ) -> [GroupId; 2] {
-    let (mut plain, mut seen, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut positions, mut rotations) = (Positions::default(), Vec::new());
     for three in poses.windows(3) {
         let [a, b, c] = [&three[0], &three[1], &three[2]];
         let steps = Steps { first_s: b.time_s - a.time_s, second_s: c.time_s - b.time_s };
         let (blocks, root) = ([a.block, b.block, c.block], steps.mean_s().sqrt());
-        let sigma = [first.linear / root; 3];
-        match b.seen_from {
-            None => plain.push(Measurement { residual: Acceleration(steps), blocks, sigma }),
-            Some((camera, distance_m)) => {
-                let residual = ScaleFree { motion: LinearAcceleration(steps), camera, distance_m };
-                seen.push(Measurement { residual, blocks, sigma });
-            }
-        }
+        let motions = (Acceleration(steps), LinearAcceleration(steps));
+        let with = |camera| [a.block, b.block, c.block, camera];
+        positions.add(motions, b.counted, (blocks, &with), [first.linear / root; 3]);
         let sigma = [first.angular / root; 3];
         rotations.push(Measurement { residual: AngularAcceleration(steps), blocks, sigma });
     }
-    let positions = add_positions(sink, source, plain, seen);
-    [positions, sink.squares(source, ATTITUDE, rotations)]
+    [positions.into_group(sink, source), sink.squares(source, ATTITUDE, rotations)]
 }
 
 fn add_jerks(sink: &mut impl Sink, source: Source, poses: &[TimedPose], first: Strengths) -> [GroupId; 2] {
-    let (mut plain, mut seen, mut rotations) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut positions, mut rotations) = (Positions::default(), Vec::new());
     for four in poses.windows(4) {
         let step = |at: usize| four[at + 1].time_s - four[at].time_s;
         let steps = FourSteps { first_s: step(0), second_s: step(1), third_s: step(2) };
-        let (blocks, root) = ([0, 1, 2, 3].map(|at| four[at].block), steps.mean_s().sqrt());
-        let sigma = [first.linear / root; 3];
-        match four[1].seen_from {
-            None => plain.push(Measurement { residual: Jerk(steps), blocks, sigma }),
-            Some((camera, distance_m)) => {
-                let residual = ScaleFree { motion: LinearJerk(steps), camera, distance_m };
-                seen.push(Measurement { residual, blocks, sigma });
-            }
-        }
+        let blocks = [0, 1, 2, 3].map(|at| four[at].block);
+        let root = steps.mean_s().sqrt();
+        let [a, b, c, d] = blocks;
+        let motions = (Jerk(steps), LinearJerk(steps));
+        let with = |camera| [a, b, c, d, camera];
+        positions.add(motions, four[1].counted, (blocks, &with), [first.linear / root; 3]);
         let sigma = [first.angular / root; 3];
         rotations.push(Measurement { residual: AngularJerk(steps), blocks, sigma });
     }
-    let positions = add_positions(sink, source, plain, seen);
-    [positions, sink.squares(source, ATTITUDE, rotations)]
+    [positions.into_group(sink, source), sink.squares(source, ATTITUDE, rotations)]
 }
 
-/// All poses of a body are seen from a camera, or none is.
-fn add_positions<A, B, const N: usize>(
-    sink: &mut impl Sink,
-    source: Source,
-    plain: Vec<Measurement<A, 3, N>>,
-    seen: Vec<Measurement<B, 3, N>>,
-) -> GroupId
+/// Motion of positions, by how it is counted: in the world `A`, in the axes of the body `B`, over `N` poses, or over
+/// these and a camera's (`L`). All rows of a body are counted alike.
+struct Positions<A, B, const N: usize, const L: usize> {
+    in_metres: Vec<Measurement<A, 3, N>>,
+    in_heights: Vec<Measurement<HeightFree<A>, 3, N>>,
+    from_place: Vec<Measurement<ScaleFree<B>, 3, N>>,
+    from_camera: Vec<Measurement<ScaleFreeSeen<B>, 3, L>>,
+}
+
+impl<A, B, const N: usize, const L: usize> Default for Positions<A, B, N, L> {
+    fn default() -> Self {
+        Positions {
+            in_metres: Vec::new(),
+            in_heights: Vec::new(),
+            from_place: Vec::new(),
+            from_camera: Vec::new(),
+        }
+    }
+}
+
+impl<A, B, const N: usize, const L: usize> Positions<A, B, N, L>
 where
     A: Residual<3, N> + 'static,
     B: Residual<3, N> + 'static,
+    ScaleFreeSeen<B>: Residual<3, L>,
 {
-    match plain.is_empty() {
-        true => sink.squares(source, POSITION, seen),
-        false => sink.squares(source, POSITION, plain),
+    fn add(
+        &mut self,
+        (in_world, in_body): (A, B),
+        counted: Counted,
+        (blocks, with_camera): ([BlockId; N], &dyn Fn(BlockId) -> [BlockId; L]),
+        sigma: [f64; 3],
+    ) {
+        match counted {
+            Counted::Metres => self.in_metres.push(Measurement { residual: in_world, blocks, sigma }),
+            Counted::Heights { ground_z_m, height_m } => {
+                let residual = HeightFree { motion: in_world, ground_z_m, height_m };
+                self.in_heights.push(Measurement { residual, blocks, sigma });
+            }
+            Counted::FromPlace { camera, distance_m } => {
+                let residual = ScaleFree { motion: in_body, camera, distance_m };
+                self.from_place.push(Measurement { residual, blocks, sigma });
+            }
+            Counted::FromCamera { camera, distance_m } => {
+                let residual = ScaleFreeSeen { motion: in_body, distance_m };
+                self.from_camera.push(Measurement { residual, blocks: with_camera(camera), sigma });
+            }
+        }
+    }
+
+    fn into_group(self, sink: &mut impl Sink, source: Source) -> GroupId {
+        if !self.in_heights.is_empty() {
+            sink.squares(source, POSITION, self.in_heights)
+        } else if !self.from_place.is_empty() {
+            sink.squares(source, POSITION, self.from_place)
+        } else if !self.from_camera.is_empty() {
+            sink.squares(source, POSITION, self.from_camera)
+        } else {
+            sink.squares(source, POSITION, self.in_metres)
+        }
     }
 }
 
@@ -290,6 +354,11 @@ impl Motion {
     /// Whether any strength is estimated.
     pub fn is_estimated(&self) -> bool {
         self.components.iter().any(|c| c.is_estimated)
+    }
+
+    /// The groups whose strength is estimated, and whose motion each is.
+    pub fn estimated_groups(&self) -> Vec<(&Body, GroupId)> {
+        self.components.iter().filter(|c| c.is_estimated).map(|c| (&c.body, c.group)).collect()
     }
 
     /// The present strengths.
@@ -464,7 +533,7 @@ mod tests {
             let timed = |(at, block): (usize, &BlockId)| TimedPose {
                 time_s: at as f64 * STEP_S,
                 block: *block,
-                seen_from: None,
+                counted: Counted::Metres,
             };
             let timed: Vec<TimedPose> = blocks.iter().enumerate().map(timed).collect();
             let mut motion = Motion::default();

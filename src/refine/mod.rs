@@ -441,6 +441,8 @@ impl<'a, 'p> Run<'a, 'p> {
         let accepted = if self.options.loss == LossName::None { &fits.all_accepted() } else { fits };
         let mut model = statistical(self.problem, self.start, estimate, self.options, accepted, &frames);
         model.copy_motion(&self.model);
+        // What they hold on the way must not pull at the end.
+        model.loosen_conventions();
         self.values = model.system.start().clone();
         self.minimiser = Minimiser::new(&model.system)?;
         let robust = std::mem::replace(&mut self.model, model);
@@ -453,8 +455,7 @@ impl<'a, 'p> Run<'a, 'p> {
             minimum = self.round("least squares, weighed anew", least_squares_decrease, interim_iterations);
         }
         let mut found = self.model.estimate(self.problem, self.start, &self.values);
-        let mut model = std::mem::replace(&mut self.model, robust);
-        model.loosen_conventions();
+        let model = std::mem::replace(&mut self.model, robust);
         if !found.is_finite() || matches!(minimum.stop, Stop::Stalled { .. }) {
             return Ok(None);
         }

@@ -2,7 +2,7 @@
 
 use super::finding::{FindingReport, number};
 use crate::diagnose::observability::{Class, Observability};
-use crate::diagnose::{Diagnosis, Parameter, Reliability, Verdict, source_key};
+use crate::diagnose::{Diagnosis, Parameter, Pull, PullCause, Reliability, Verdict, source_key};
 use crate::problem::Problem;
 use crate::refine::DirectedTest;
 use crate::words::{direction_code, fact_word};
@@ -340,6 +340,41 @@ pub struct ScaleReport {
     /// Standard deviations of the six directions of its frame from what is known, worst first: root mean
     /// square over its points.
     pub frame_sigma_m: Vec<Sigma>,
+}
+
+/// How far something that is no knowledge pulls at a vehicle and its cameras, in their standard deviations.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
+pub struct PullReport {
+    /// The id of the vehicle.
+    pub vehicle: String,
+    /// `conventions`, or `motion strengths`: an error of one standard deviation in those that were estimated.
+    pub cause: String,
+    /// At its scale.
+    pub scale_sigmas: Option<f64>,
+    /// At the coordinate of its track that is pulled most.
+    pub track_sigmas: Option<f64>,
+    /// At the coordinate of its shape that is pulled most.
+    pub shape_sigmas: Option<f64>,
+    /// At the coordinate of a camera position that is pulled most.
+    pub camera_sigmas: Option<f64>,
+}
+
+/// Pulls of a diagnosis.
+pub fn pull_reports(problem: &Problem, diagnosis: &Diagnosis) -> Vec<PullReport> {
+    let report = |pull: &Pull| PullReport {
+        vehicle: problem.vehicles[pull.vehicle].id.clone(),
+        cause: match pull.cause {
+            PullCause::Conventions => "conventions".to_owned(),
+            PullCause::MotionStrengths => "motion strengths".to_owned(),
+        },
+        scale_sigmas: Some(pull.scale),
+        track_sigmas: Some(pull.track),
+        shape_sigmas: Some(pull.shape),
+        camera_sigmas: Some(pull.camera),
+    };
+    diagnosis.pulls.iter().map(report).collect()
 }
 
 /// What a common error does.

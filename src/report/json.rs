@@ -1,9 +1,9 @@
 //! `report.json`: what was solved and how well, for programs.
 
 use super::diagnosis::{
-    DirectedTestReport, ObservabilityReport, ParameterReport, ScaleReport, StandstillReport,
+    DirectedTestReport, ObservabilityReport, ParameterReport, PullReport, ScaleReport, StandstillReport,
     StatisticsReport, VerdictReport, directed_test_reports, observability_report, parameter_reports,
-    scale_reports, standstill_reports, statistics_report, verdict_report,
+    pull_reports, scale_reports, standstill_reports, statistics_report, verdict_report,
 };
 use super::finding::{FindingReport, number};
 use super::folder::PROGRAM;
@@ -99,6 +99,8 @@ pub struct Report {
     pub statistics: Option<StatisticsReport>,
     /// What determined the scale of each vehicle.
     pub scales: Vec<ScaleReport>,
+    /// How far conventions, and errors of estimated strengths of motion, pull at each vehicle.
+    pub pulls: Vec<PullReport>,
     /// What is adjusted beside poses and points.
     pub estimated: Vec<ParameterReport>,
     /// When vehicles stand.
@@ -570,6 +572,7 @@ impl Report {
         self.sigmas_are_upper_bounds = diagnosis.is_upper_bound;
         self.statistics = Some(statistics_report(problem, diagnosis));
         self.scales = scale_reports(problem, diagnosis);
+        self.pulls = pull_reports(problem, diagnosis);
         self.estimated = parameter_reports(diagnosis);
         self.standstill = standstill_reports(problem, diagnosis);
         for (report, found) in self.check_points.iter_mut().zip(&diagnosis.check_points) {

@@ -34,6 +34,10 @@ impl fmt::Display for VerdictReason {
             VerdictReason::CheckPointsDisagree { points, .. } => {
                 write!(f, "check points disagree: {}", points.join(", "))
             }
+            VerdictReason::ConventionPulls { vehicle, sigmas, .. } => write!(
+                f,
+                "what is assumed for want of knowledge moves {vehicle} by {sigmas:.1} of its standard deviations"
+            ),
             VerdictReason::HeldNumberContradicted { test, .. } => write!(
                 f,
                 "{} is held at {}, and the observations say {} +- {}: {:.1} sigma",
@@ -79,6 +83,9 @@ impl Coded for VerdictReason {
             VerdictReason::CheckPointsDisagree { points, probability, limit } => {
                 let code = Code::new("check_points_disagree").value(*probability).limit(*limit);
                 code.at(format!("targets {}", points.join(", ")))
+            }
+            VerdictReason::ConventionPulls { vehicle, sigmas, limit } => {
+                Code::new("convention_pulls").value(*sigmas).limit(*limit).of_vehicle(vehicle)
             }
             VerdictReason::HeldNumberContradicted { test, limit } => {
                 let code = Code::new("held_number_contradicted").value(test.statistic().abs()).limit(*limit);
