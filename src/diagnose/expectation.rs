@@ -10,7 +10,7 @@
 //!
 //! and each source has its share. Of a track, a speed or a shape the variances at places spread over it are added.
 
-use super::inner::{Inner, shape_rows};
+use super::inner::{Inner, Place, shape_rows};
 use super::moment::Moment;
 use super::precision::{Precision, precision};
 use super::scale;
@@ -138,8 +138,8 @@ pub fn expectation(
             influences.push(Influence { vehicle, quantity, shares });
         }
     }
-    let markers: Vec<Option<usize>> = problem.vehicles.iter().map(|vehicle| vehicle.marker).collect();
-    let mut inner = Inner::new(network, covariance, 1.0, &markers);
+    let places = Place::of_vehicles(problem, truth);
+    let mut inner = Inner::new(network, covariance, 1.0, &places);
     let scales: Vec<f64> = directions.iter().map(|direction| scale::sigma_of(direction, 1.0)).collect();
     for (vehicle, direction) in directions.iter().enumerate() {
         if scales[vehicle].is_infinite() {

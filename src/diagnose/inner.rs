@@ -13,7 +13,9 @@
 //! is known. Where they are most of it, the quantity is not determined, and its standard deviation is
 //! infinite. That of a scale reaches everything along its direction `z = Q a`, of variance `a^T z`.
 
-use crate::refine::{BodyFrame, Network, Source, point_motion, pose_motion};
+use crate::estimate::{Estimate, VehicleEstimate};
+use crate::problem::{Problem, Vehicle};
+use crate::refine::{BodyFrame, Network, Source, is_in_the_middle, point_motion, pose_motion};
 use nalgebra::{DMatrix, DVector, Vector6};
 use std::collections::BTreeMap;
 use trackbundle_solver::covariance::Covariance;
@@ -40,17 +42,58 @@ struct Body {
     /// `Y` and `B^T Y`.
     times: DMatrix<f64>,
     square: DMatrix<f64>,
-    /// Covariance with three coordinates of a point.
-    marker: Option<(BlockId, DMatrix<f64>)>,
+    /// The place whose track is wanted.
+    place: Option<PlaceCovariance>,
     /// The direction of an undetermined scale, so long that its square is the variance that conventions
     /// leave it, and its part in the open directions.
     scale: Option<(DVector<f64>, DVector<f64>)>,
 }
 
-/// A block in the covariance of several: how it moves with the open directions of its body.
+/// The place of a body whose track is wanted, where it is neither its origin nor held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// A point of its shape.
+    Point(usize),
+    /// The middle of the box around its points in x and y: between these two points along each axis.
+    Middle([[usize; 2]; 2]),
+}
+
+impl Place {
+    /// The place of each vehicle: its marker, or the middle of the body where that is where its origin lies.
+    pub fn of_vehicles(problem: &Problem, estimate: &Estimate) -> Vec<Option<Place>> {
+        let of = |(vehicle, found): (&Vehicle, &VehicleEstimate)| match vehicle.marker {
+            Some(marker) if found.points[marker].is_some() => Some(Place::Point(marker)),
+            _ if found.left_out.is_some() || !is_in_the_middle(vehicle) => None,
+            _ => found.box_sides().map(|[x, y, _]| Place::Middle([x, y])),
+        };
+        problem.vehicles.iter().zip(&estimate.vehicles).map(of).collect()
+    }
+
+    /// Coordinates of points that make up its own: point, axis, and weight.
+    fn parts(&self) -> Vec<(usize, usize, f64)> {
+        match self {
+            Place::Point(point) => (0..3).map(|axis| (*point, axis, 1.0)).collect(),
+            Place::Middle(sides) => {
+                (0..2).flat_map(|axis| sides[axis].map(|point| (point, axis, 0.5))).collect()
+            }
+        }
+    }
+}
+
+/// A place as a linear function of the shape, `p = F^T x`: `F`, `Q F` and how it moves with the open directions.
+struct PlaceCovariance {
+    functional: DMatrix<f64>,
+    times: DMatrix<f64>,
+    motion: DMatrix<f64>,
+    /// Its block, where it is a single point.
+    block: Option<BlockId>,
+}
+
+/// Part of a joint covariance: how it moves with the open directions of its body.
 pub struct Piece {
-    pub block: BlockId,
-    pub motion: DMatrix<f64>,
+    /// Its block; `None` for the place of the body whose track is wanted.
+    block: Option<BlockId>,
+    motion: DMatrix<f64>,
 }
 
 /// A covariance, and the part of it that comes from conventions.
@@ -93,25 +136,27 @@ pub fn shape_rows(network: &Network, vehicle: usize, frame: &BodyFrame) -> DMatr
 }
 
 impl<'a> Inner<'a> {
-    /// The covariance of `network`, of which `markers` are the points whose tracks are wanted.
+    /// The covariance of `network`, of which `places` are those whose tracks are wanted.
     pub fn new(
         network: &'a Network,
         mut covariance: Covariance<'a>,
         variance: f64,
-        markers: &[Option<usize>],
+        places: &[Option<Place>],
     ) -> Self {
         let body = |(vehicle, frame): (usize, &BodyFrame)| {
             let shape = shape_rows(network, vehicle, frame);
             let times = covariance.times(&shape);
             let square = shape.tr_mul(&times);
-            let marker = markers[vehicle].and_then(|point| network.model.shape_point(vehicle, point));
-            let marker = marker.and_then(|block| {
-                let range = network.model.system.range_of(block)?;
-                let mut units = DMatrix::zeros(shape.nrows(), range.len());
-                units.rows_mut(range.start, range.len()).fill_with_identity();
-                Some((block, covariance.times(&units)))
+            let place = places[vehicle].and_then(|place| {
+                let functional = functional(network, vehicle, place)?;
+                let motion = place_motion(frame, place);
+                let block = match place {
+                    Place::Point(point) => network.model.shape_point(vehicle, point),
+                    Place::Middle(_) => None,
+                };
+                Some(PlaceCovariance { times: covariance.times(&functional), functional, motion, block })
             });
-            Body { open: frame.open.clone(), shape, times, square, marker, scale: None }
+            Body { open: frame.open.clone(), shape, times, square, place, scale: None }
         };
         let bodies = network.frames.iter().enumerate().map(body).collect();
         let mut inner = Inner { network, covariance, variance, bodies, conventions: BTreeMap::new() };
@@ -153,75 +198,125 @@ impl<'a> Inner<'a> {
     /// A camera or target: no frame of a body moves it.
     pub fn fixed_piece(&self, vehicle: usize, block: BlockId) -> Piece {
         let size = self.network.model.system.free(block).len();
-        Piece { block, motion: DMatrix::zeros(size, self.bodies[vehicle].open.len()) }
+        Piece { block: Some(block), motion: DMatrix::zeros(size, self.bodies[vehicle].open.len()) }
     }
 
     /// A pose of a vehicle.
     pub fn pose_piece(&self, vehicle: usize, block: BlockId, pose: &crate::geometry::Pose) -> Piece {
         let open = &self.bodies[vehicle].open;
         let motion = DMatrix::from_fn(6, open.len(), |row, k| pose_motion(&open[k], pose)[row]);
-        Piece { block, motion }
+        Piece { block: Some(block), motion }
     }
 
     /// A point of a vehicle.
     pub fn point_piece(&self, vehicle: usize, block: BlockId, point: &nalgebra::Point3<f64>) -> Piece {
         let open = &self.bodies[vehicle].open;
         let motion = DMatrix::from_fn(3, open.len(), |row, k| point_motion(&open[k], point)[row]);
-        Piece { block, motion }
+        Piece { block: Some(block), motion }
     }
 
-    fn cross(&self, vehicle: usize, a: BlockId, b: BlockId) -> Option<DMatrix<f64>> {
-        let with_marker = |marker: BlockId, other: BlockId| {
-            let (block, columns) = self.bodies[vehicle].marker.as_ref()?;
-            let range = self.network.model.system.range_of(other)?;
-            (*block == marker).then(|| columns.rows(range.start, range.len()).into_owned())
-        };
-        self.covariance
-            .block(a, b)
-            .or_else(|| with_marker(b, a))
-            .or_else(|| Some(with_marker(a, b)?.transpose()))
+    /// The place of a vehicle whose track is wanted; `None` where that is its origin, or a point that is held.
+    pub fn place_piece(&self, vehicle: usize) -> Option<Piece> {
+        let place = self.bodies[vehicle].place.as_ref()?;
+        Some(Piece { block: None, motion: place.motion.clone() })
     }
 
-    /// The covariance of blocks of a vehicle; `None` where one is held whole, or a pair was not selected.
+    /// The rows of a matrix over all unknowns that belong to a piece.
+    fn rows_of(&self, vehicle: usize, piece: &Piece, of: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        match piece.block {
+            Some(block) => {
+                let range = self.network.model.system.range_of(block)?;
+                Some(of.rows(range.start, range.len()).into_owned())
+            }
+            None => Some(self.bodies[vehicle].place.as_ref()?.functional.tr_mul(of)),
+        }
+    }
+
+    fn cross(&self, vehicle: usize, a: &Piece, b: &Piece) -> Option<DMatrix<f64>> {
+        let place = self.bodies[vehicle].place.as_ref();
+        let with_place = |other: &Piece| self.rows_of(vehicle, other, &place?.times);
+        match (a.block, b.block) {
+            (_, None) => with_place(a),
+            (None, _) => Some(with_place(b)?.transpose()),
+            (Some(of_a), Some(of_b)) => {
+                let is_place = |block| place.is_some_and(|place| place.block == Some(block));
+                self.covariance.block(of_a, of_b).or_else(|| match (is_place(of_a), is_place(of_b)) {
+                    (_, true) => with_place(a),
+                    (true, false) => Some(with_place(b)?.transpose()),
+                    (false, false) => None,
+                })
+            }
+        }
+    }
+
+    /// What conventions say of the block of a piece, a column each.
+    fn conventions_on(&self, piece: &Piece) -> Option<&DMatrix<f64>> {
+        self.conventions.get(&self.network.model.system.range_of(piece.block?)?.start)
+    }
+
+    /// The covariance of pieces of a vehicle; `None` where one is held whole, or a pair was not selected.
     pub fn joint(&self, vehicle: usize, pieces: &[Piece]) -> Option<Joint> {
         let body = &self.bodies[vehicle];
-        let system = &self.network.model.system;
-        let ranges: Vec<_> =
-            pieces.iter().map(|piece| system.range_of(piece.block)).collect::<Option<_>>()?;
-        let size = ranges.iter().map(|range| range.len()).sum();
+        let times: Vec<DMatrix<f64>> =
+            pieces.iter().map(|piece| self.rows_of(vehicle, piece, &body.times)).collect::<Option<_>>()?;
+        let size = times.iter().map(DMatrix::nrows).sum();
         let mut covariance = DMatrix::zeros(size, size);
         let mut conventions = DMatrix::zeros(size, size);
         let mut z = DVector::zeros(size);
         let mut row = 0;
-        for (a, of_a) in pieces.iter().zip(&ranges) {
-            let ya = body.times.rows(of_a.start, of_a.len());
+        for (a, ya) in pieces.iter().zip(&times) {
             let mut column = 0;
-            for (b, of_b) in pieces.iter().zip(&ranges) {
-                let yb = body.times.rows(of_b.start, of_b.len());
-                let mut block = self.cross(vehicle, a.block, b.block)?;
+            for (b, yb) in pieces.iter().zip(&times) {
+                let mut block = self.cross(vehicle, a, b)?;
                 block -= &a.motion * yb.transpose() + ya * b.motion.transpose();
                 block += &a.motion * &body.square * b.motion.transpose();
-                covariance.view_mut((row, column), (of_a.len(), of_b.len())).copy_from(&block);
-                column += of_b.len();
+                covariance.view_mut((row, column), (ya.nrows(), yb.nrows())).copy_from(&block);
+                column += yb.nrows();
             }
-            if let Some(rows) = self.conventions.get(&of_a.start) {
+            if let Some(rows) = self.conventions_on(a) {
                 // What the rows on this block contribute to all pieces: Q' J^T.
                 let mut moved = DMatrix::zeros(size, rows.ncols());
                 let mut at = 0;
-                for (b, of_b) in pieces.iter().zip(&ranges) {
-                    let block = self.cross(vehicle, b.block, a.block)? - &b.motion * ya.transpose();
-                    moved.rows_mut(at, of_b.len()).copy_from(&(block * rows));
-                    at += of_b.len();
+                for (b, yb) in pieces.iter().zip(&times) {
+                    let block = self.cross(vehicle, b, a)? - &b.motion * ya.transpose();
+                    moved.rows_mut(at, yb.nrows()).copy_from(&(block * rows));
+                    at += yb.nrows();
                 }
                 conventions += &moved * moved.transpose();
             }
             if let Some((direction, of_open)) = &body.scale {
-                let along = direction.rows(of_a.start, of_a.len()) - &a.motion * of_open;
-                z.rows_mut(row, of_a.len()).copy_from(&along);
+                let of_direction = DMatrix::from_column_slice(direction.len(), 1, direction.as_slice());
+                let along = self.rows_of(vehicle, a, &of_direction)?.column(0) - &a.motion * of_open;
+                z.rows_mut(row, ya.nrows()).copy_from(&along);
             }
-            row += of_a.len();
+            row += ya.nrows();
         }
         conventions += &z * z.transpose();
         Some(Joint { covariance: covariance * self.variance, conventions: conventions * self.variance })
     }
+}
+
+/// `F` of a place; `None` where it is held.
+pub fn functional(network: &Network, vehicle: usize, place: Place) -> Option<DMatrix<f64>> {
+    let system = &network.model.system;
+    let mut functional = DMatrix::zeros(system.size(), 3);
+    for (point, axis, weight) in place.parts() {
+        let range = network.model.shape_point(vehicle, point).and_then(|block| system.range_of(block));
+        if let Some(range) = range {
+            functional[(range.start + axis, axis)] += weight;
+        }
+    }
+    functional.iter().any(|weight| *weight != 0.0).then_some(functional)
+}
+
+/// How a place moves with the open directions of the frame of its body.
+fn place_motion(frame: &BodyFrame, place: Place) -> DMatrix<f64> {
+    let mut motion = DMatrix::zeros(3, frame.open.len());
+    for (point, axis, weight) in place.parts() {
+        let Some((_, at)) = frame.points.iter().find(|(index, _)| *index == point) else { continue };
+        for (k, direction) in frame.open.iter().enumerate() {
+            motion[(axis, k)] += weight * point_motion(direction, at)[axis];
+        }
+    }
+    motion
 }

@@ -30,7 +30,7 @@ use crate::estimate::{Estimate, VehicleEstimate};
 use crate::problem::{Problem, Vehicle};
 use crate::refine::{Adjusted, CheckPoint, Network, Source, alone};
 use crate::rules::Rules;
-use inner::{Inner, UNDETERMINED};
+use inner::{Inner, Place, UNDETERMINED};
 use observability::{Observability, observability};
 use pull::Pulls;
 use trackbundle_solver::covariance::{Covariance, NoCovariance};
@@ -176,13 +176,8 @@ fn of_network(
         check_points::check_points(problem, estimate, checks, network, &mut covariance, variance);
     let parameters = parameters::parameters(problem, estimate, network, &mut covariance, variance);
     let pulls = Pulls::new(problem, network, &mut covariance);
-    let markers: Vec<Option<usize>> = problem
-        .vehicles
-        .iter()
-        .zip(&estimate.vehicles)
-        .map(|(vehicle, found)| vehicle.marker.filter(|marker| found.points[*marker].is_some()))
-        .collect();
-    let mut inner = Inner::new(network, covariance, variance, &markers);
+    let places = Place::of_vehicles(problem, estimate);
+    let mut inner = Inner::new(network, covariance, variance, &places);
     for (vehicle, direction) in directions.iter().enumerate() {
         if direction.conventions > UNDETERMINED {
             inner.set_undetermined_scale(vehicle, &direction.step, direction.variance);

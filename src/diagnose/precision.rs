@@ -2,13 +2,13 @@
 
 use super::inner::{Inner, Joint, Piece};
 use super::moment::{Function, Moment, direction};
-use crate::estimate::{Estimate, TrackPoint};
+use crate::estimate::{Estimate, TrackPoint, VehicleEstimate};
 use crate::geometry::{Pose, skew};
 use crate::problem::{PoseSigma, Problem};
+use crate::refine::is_in_the_middle;
 use crate::trajectory::Trajectory;
 use nalgebra::{DVector, Point3, Vector3};
 use rayon::prelude::*;
-use trackbundle_solver::system::BlockId;
 
 /// Standard deviations of a pose: of its position along the axes of the world \[m\], of its attitude about
 /// the axes of the body \[rad\].
@@ -122,9 +122,14 @@ pub fn precision(
         let found = &estimate.vehicles[at];
         let poses = found.poses.iter().enumerate().map(|(frame, pose)| {
             let (pose, block) = ((*pose)?, model.vehicle_pose(at, frame)?);
-            match inner.joint(at, &[inner.pose_piece(at, block, &pose)]) {
-                Some(joint) => Some(pose_precision(joint.sigmas())),
-                None => held_pose(&problem.vehicle_pose_sigma),
+            let piece = inner.pose_piece(at, block, &pose);
+            let middle = if is_in_the_middle(vehicle) { inner.place_piece(at) } else { None };
+            match middle {
+                Some(middle) => Some(in_the_middle(&inner.joint(at, &[piece, middle])?, &pose, found)),
+                None => match inner.joint(at, &[piece]) {
+                    Some(joint) => Some(pose_precision(joint.sigmas())),
+                    None => held_pose(&problem.vehicle_pose_sigma),
+                },
             }
         });
         out.vehicles.push(poses.collect());
@@ -139,7 +144,7 @@ pub fn precision(
         let (mut tracks, mut states) = (Vec::new(), Vec::new());
         if found.left_out.is_none() {
             let track = found.track(problem, vehicle);
-            let marker = vehicle.marker.and_then(|m| Some((model.shape_point(at, m)?, found.points[m]?)));
+            let marker = vehicle.marker.and_then(|m| found.points[m]);
             let path = found.path(problem, vehicle);
             let track = Track { problem, estimate, inner, vehicle: at, marker, track: &track, path };
             tracks = (0..track.track.len()).into_par_iter().map(|place| track.precision(place)).collect();
@@ -159,6 +164,27 @@ fn pose_precision(sigmas: [f64; 6]) -> PosePrecision {
     PosePrecision { position_m: [x, y, z], attitude_rad: [roll, pitch, yaw] }
 }
 
+/// Of a pose whose origin lies in the middle of the body: that moves with the points at its sides, and the attitude with
+/// what puts the x axis where it points.
+fn in_the_middle(joint: &Joint, pose: &Pose, found: &VehicleEstimate) -> PosePrecision {
+    let turn = pose.rotation.to_rotation_matrix();
+    let sigma = |gradient: &[(usize, f64)]| {
+        let mut all = DVector::zeros(9);
+        gradient.iter().for_each(|(at, value)| all[*at] = *value);
+        joint.variance(&all).sqrt()
+    };
+    let position = |axis: usize| {
+        let of_middle = (0..3).map(|k| (6 + k, turn.matrix()[(axis, k)]));
+        let of_axes = (turn * found.middle_by_turn())[axis] * found.axes_sigma_rad;
+        sigma(&[(axis, 1.0)].into_iter().chain(of_middle).collect::<Vec<_>>()).hypot(of_axes)
+    };
+    let [roll, pitch, yaw] = [3, 4, 5].map(|at| sigma(&[(at, 1.0)]));
+    PosePrecision {
+        position_m: [0, 1, 2].map(position),
+        attitude_rad: [roll, pitch, yaw.hypot(found.axes_sigma_rad)],
+    }
+}
+
 /// Of a pose that is held: none where it is known to be exact; of one that is held for want of anything
 /// better nothing is known.
 fn held_pose(sigma: &PoseSigma) -> Option<PosePrecision> {
@@ -171,7 +197,8 @@ struct Track<'a> {
     estimate: &'a Estimate,
     inner: &'a Inner<'a>,
     vehicle: usize,
-    marker: Option<(BlockId, Point3<f64>)>,
+    /// The marker in the body; none where the track is that of the origin.
+    marker: Option<Point3<f64>>,
     track: &'a [TrackPoint],
     /// Its path, whose poses are those of the places.
     path: Option<Trajectory>,
@@ -187,16 +214,29 @@ impl Track<'_> {
         Some((is_free.then(|| self.inner.pose_piece(self.vehicle, block, &pose)), pose))
     }
 
-    /// The marker, where it is free.
+    /// The place in the body whose track it is, where it is free.
     fn marker_piece(&self) -> Option<Piece> {
-        let (block, place) = self.marker?;
-        self.inner.network.model.system.range_of(block)?;
-        Some(self.inner.point_piece(self.vehicle, block, &place))
+        self.inner.place_piece(self.vehicle)
+    }
+
+    /// By how much an error of one standard deviation of the axes of the body moves a place of the track in the
+    /// world \[m\]: the middle of a body depends on them.
+    fn by_axes(&self, pose: &Pose) -> Vector3<f64> {
+        let found = &self.estimate.vehicles[self.vehicle];
+        match is_in_the_middle(&self.problem.vehicles[self.vehicle]) && self.marker.is_none() {
+            true => pose.rotation * found.middle_by_turn() * found.axes_sigma_rad,
+            false => Vector3::zeros(),
+        }
+    }
+
+    /// Of a heading: what the poses leave, and what the axes of the body do.
+    fn of_heading(&self, sigma_rad: f64) -> f64 {
+        sigma_rad.hypot(self.estimate.vehicles[self.vehicle].axes_sigma_rad)
     }
 
     /// Gradients of the three coordinates of a place by the pose and the marker.
     fn gradient(&self, pose: &Pose) -> [[Vector3<f64>; 3]; 3] {
-        let marker = self.marker.map_or(Vector3::zeros(), |(_, place)| place.coords);
+        let marker = self.marker.map_or(Vector3::zeros(), |place| place.coords);
         let turn = pose.rotation.to_rotation_matrix();
         let by_turn = -(turn.matrix() * skew(&marker));
         std::array::from_fn(|axis| {
@@ -211,8 +251,9 @@ impl Track<'_> {
         let joint = Terms::new(self, vec![piece])?;
         let by_axis =
             self.gradient(&pose).map(|[shift, turn, point]| joint.gradient(&[Some((shift, turn))], point));
-        let variances = [0, 1, 2].map(|axis| joint.variance(&by_axis[axis]));
-        let covariance = joint.covariance(&by_axis[0], &by_axis[1]);
+        let of_axes = self.by_axes(&pose);
+        let variances = [0, 1, 2].map(|axis| joint.variance(&by_axis[axis]) + of_axes[axis].powi(2));
+        let covariance = joint.covariance(&by_axis[0], &by_axis[1]) + of_axes.x * of_axes.y;
         // d(R ex) = R (dr x ex); the heading is that of its horizontal part.
         let turn = pose.rotation.to_rotation_matrix();
         let ahead = turn.matrix().column(0).into_owned();
@@ -224,7 +265,7 @@ impl Track<'_> {
             position_m: variances.map(f64::sqrt),
             covariance_xy_m2: (variances[0].is_finite() && variances[1].is_finite()).then_some(covariance),
             speed_mps: self.speed(place),
-            heading_rad: joint.variance(&heading).sqrt(),
+            heading_rad: self.of_heading(joint.variance(&heading).sqrt()),
         })
     }
 
@@ -247,7 +288,7 @@ impl Track<'_> {
         let linear = path.linear_at(time_s)?;
         let pieces = linear.knots.clone().map(|knot| Some(self.pose(knot)?.0)).collect::<Option<_>>()?;
         let terms = Terms::new(self, pieces)?;
-        let marker = self.marker.map_or(Point3::origin(), |(_, place)| place);
+        let marker = self.marker.unwrap_or_else(Point3::origin);
         Some((Moment { linear, marker }, terms))
     }
 
@@ -256,12 +297,13 @@ impl Track<'_> {
         let (moment, terms) = self.moment(path, time_s)?;
         let sigma = |function| terms.sigma(&moment, &function);
         let axis = |axis: usize| Vector3::ith(axis, 1.0);
+        let of_axes = self.by_axes(&moment.linear.state.pose);
         Some(StatePrecision {
             time_s,
-            position_m: [0, 1, 2].map(|k| sigma(moment.of_position(&axis(k)))),
+            position_m: [0, 1, 2].map(|k| sigma(moment.of_position(&axis(k))).hypot(of_axes[k])),
             velocity_mps: [0, 1, 2].map(|k| sigma(moment.of_velocity(&axis(k)))),
             speed_mps: sigma(moment.of_speed()),
-            heading_rad: sigma(moment.of_heading()),
+            heading_rad: self.of_heading(sigma(moment.of_heading())),
             yaw_rate_rps: sigma(moment.of_yaw_rate()),
         })
     }

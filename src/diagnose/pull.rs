@@ -14,7 +14,7 @@
 //!
 //! What is not determined has no standard deviation, and nothing that could be pulled.
 
-use super::inner::shape_rows;
+use super::inner::{Place, functional, shape_rows};
 use super::statistics::of_group;
 use super::{Precision, Scale};
 use crate::estimate::Estimate;
@@ -182,8 +182,11 @@ impl Pulled<'_> {
         };
         let scale = vec![ratio(self.functionals.column(vehicle).dot(step), self.scale.sigma)];
         let of_vehicle = &self.problem.vehicles[vehicle];
-        let marker =
-            of_vehicle.marker.and_then(|at| Some((model.shape_point(vehicle, at)?, found.points[at]?)));
+        let marker = of_vehicle.marker.and_then(|at| found.points[at]);
+        let place = Place::of_vehicles(self.problem, self.estimate)[vehicle];
+        let of_place = place.and_then(|place| functional(self.network, vehicle, place));
+        let of_place =
+            of_place.map_or(Vector3::zeros(), |place| (place.tr_mul(&own)).fixed_rows::<3>(0).into_owned());
         let mut track = Vec::new();
         let places = found.places(of_vehicle).zip(&self.precision.tracks[vehicle]);
         for ((frame, _), sigmas) in places {
@@ -191,10 +194,9 @@ impl Pulled<'_> {
                 continue;
             };
             let mut moved = part(&own, block, 0);
-            if let Some((point, place)) = marker {
-                let turned = -(skew(&place.coords) * part(&own, block, 3));
-                moved += pose.rotation * (turned + part(&own, point, 0));
-            }
+            let turned =
+                marker.map_or(Vector3::zeros(), |place| -(skew(&place.coords) * part(&own, block, 3)));
+            moved += pose.rotation * (turned + of_place);
             let sigmas = sigmas.as_ref().map_or([f64::INFINITY; 3], |sigmas| sigmas.position_m);
             track.extend([0, 1, 2].map(|axis| ratio(moved[axis], sigmas[axis])));
         }

@@ -33,6 +33,9 @@ pub struct Estimate {
 /// Where the rear axle of a car usually is.
 pub const USUAL_AXLE: [f64; 2] = [-1.3, 0.0];
 
+/// Of the points of a body, so many of a hundred may stick out of its box to either side.
+const BEYOND_BOX: usize = 5;
+
 /// The unknowns of a receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReceiverEstimate {
@@ -68,6 +71,9 @@ pub struct VehicleEstimate {
     /// Place of the rear axle along the body's x axis \[m\], and the direction in which it rolls,
     /// counter-clockwise from that axis \[rad\].
     pub axle: [f64; 2],
+    /// How well the x axis points where the body drives, where that is how it was put \[rad\]; zero where
+    /// something else fixes it.
+    pub axes_sigma_rad: f64,
     /// Why the vehicle is left out of the adjustment, if it is.
     pub left_out: Option<LeftOut>,
 }
@@ -134,6 +140,7 @@ impl VehicleEstimate {
             open_depth: Vec::new(),
             motion: None,
             axle: USUAL_AXLE,
+            axes_sigma_rad: 0.0,
             left_out: None,
         }
     }
@@ -146,6 +153,33 @@ impl VehicleEstimate {
             vehicle.span().filter_map(|frame| Some((problem.frames[frame].time_s, self.poses[frame]?)));
         let (times_s, poses): (Vec<f64>, Vec<Pose>) = known.unzip();
         (poses.len() >= order.states()).then(|| Trajectory::new(times_s, poses, order, strengths))
+    }
+
+    /// The points at the sides of the box around the body: the lower and the upper one along each axis. Five in a
+    /// hundred may stick out to either side, so that a mirror is no side.
+    pub fn box_sides(&self) -> Option<[[usize; 2]; 3]> {
+        let side = |axis: usize| {
+            let places = self.points.iter().enumerate();
+            let mut places: Vec<(f64, usize)> =
+                places.filter_map(|(at, point)| Some(((*point)?[axis], at))).collect();
+            places.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let cut = places.len() * BEYOND_BOX / 100;
+            let last = places.len().checked_sub(1 + cut)?;
+            Some([places[cut].1, places[last].1])
+        };
+        Some([side(0)?, side(1)?, side(2)?])
+    }
+
+    /// Where the middle of the box around the body goes when its axes turn about z: `dp/dw` in the vehicle frame
+    /// \[m/rad\].
+    pub fn middle_by_turn(&self) -> Vector3<f64> {
+        let Some([x, y, _]) = self.box_sides() else { return Vector3::zeros() };
+        let half = |side: [usize; 2], axis: usize| -> f64 {
+            side.iter().filter_map(|at| Some((*self.points.get(*at)?)?[axis] / 2.0)).sum()
+        };
+        let middle = [half(x, 0), half(y, 1)];
+        // Of a side of x, that it lies `y` beside the middle; and the other way round.
+        Vector3::new(half(x, 1) - middle[1], -(half(y, 0) - middle[0]), 0.0)
     }
 
     /// The point whose track is reported, in the vehicle frame.

@@ -25,8 +25,8 @@
 //!
 //! by which no single point, and no frame of the film, is free of error.
 
-use super::model::Model;
-use super::selection::Anchors;
+use super::model::{Model, NetworkOptions};
+use super::selection::{Anchors, Purpose, Selection};
 use super::source::Source;
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
@@ -77,6 +77,24 @@ pub fn body_frames(problem: &Problem, estimate: &Estimate, model: &Model, values
     let normals = model.system.own_normals_without(values, &arms);
     let frame = |vehicle| body_frame(estimate, model, values, &normals, vehicle);
     (0..problem.vehicles.len()).map(frame).collect()
+}
+
+/// The network of an adjustment from `current`, in which frames of bodies are held by as many coordinates of points as
+/// measurements leave open.
+pub fn anchored(
+    problem: &Problem,
+    start: &Estimate,
+    current: &Estimate,
+    options: NetworkOptions,
+    selection: &Selection,
+) -> Model {
+    let model = Model::new(problem, start, current, options, selection, Purpose::FROM_AFAR);
+    let frames = body_frames(problem, current, &model, model.system.start());
+    if frames.iter().all(|frame| frame.anchors.is_empty()) {
+        return model;
+    }
+    let anchors: Vec<Anchors> = frames.into_iter().map(|frame| frame.anchors).collect();
+    Model::new(problem, start, current, options, selection, Purpose::Adjustment { anchors: &anchors })
 }
 
 fn body_frame(

@@ -81,9 +81,7 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
         .map(|ground| add_contacts(sink, problem, ground, current, &blocks, &mut warnings))
         .unwrap_or_default();
     add_body_boxes(sink, &blocks);
-    if let Purpose::Statistics { anchors } = purpose {
-        add_frames(sink, current, &blocks, anchors);
-    }
+    add_frames(sink, current, &blocks, purpose.anchors());
     add_usual_sizes(sink, start, &blocks);
     add_tie_points(sink, problem, current, &blocks);
     let motion = add_motion(sink, declaration, &blocks);

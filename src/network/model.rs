@@ -276,7 +276,7 @@ fn pose_rows(declaration: &Declaration<'_>) -> usize {
     let is_given = problem.camera_poses.iter().any(Option::is_some);
     let camera_rows = if is_given { free(cameras) } else { 0 };
     let vehicle_rows = match purpose {
-        Purpose::Adjustment => adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>(),
+        Purpose::Adjustment { .. } => adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>(),
         Purpose::Statistics { .. } => 0,
     };
     camera_rows + vehicle_rows

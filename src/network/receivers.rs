@@ -132,7 +132,7 @@ pub fn add_receivers(
         known.add(receiver, &current.receivers[at], *own, point);
     }
     let loss = match purpose {
-        Purpose::Adjustment => Loss::Huber { scale: LossName::Huber.default_scale() },
+        Purpose::Adjustment { .. } => Loss::Huber { scale: LossName::Huber.default_scale() },
         Purpose::Statistics { .. } => Loss::Squared,
     };
     sink.group(Source::Gnss, "position of an antenna", loss, positions);

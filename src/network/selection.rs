@@ -16,6 +16,18 @@ pub struct Selection {
     pub targets: Vec<bool>,
 }
 
+impl Purpose<'_> {
+    /// To find the minimum from afar, while it is not known what of the frames of bodies is open.
+    pub const FROM_AFAR: Purpose<'static> = Purpose::Adjustment { anchors: &[] };
+
+    /// What holds the frame of each vehicle.
+    pub fn anchors(&self) -> &[Anchors] {
+        match self {
+            Purpose::Adjustment { anchors } | Purpose::Statistics { anchors } => anchors,
+        }
+    }
+}
+
 impl Selection {
     /// All of them.
     pub fn everything(problem: &Problem) -> Selection {
@@ -34,7 +46,10 @@ pub type Anchors = Vec<(usize, usize)>;
 #[derive(Clone, Copy, Debug)]
 pub enum Purpose<'a> {
     /// To find the minimum from afar, with robust losses.
-    Adjustment,
+    Adjustment {
+        /// What holds the frame of each vehicle; none of any while it is not known what is open.
+        anchors: &'a [Anchors],
+    },
     /// Least squares on accepted image points and what is known: frames of bodies are held by as many
     /// coordinates as measurements leave open.
     Statistics {

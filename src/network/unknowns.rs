@@ -80,6 +80,7 @@ impl Model {
                     .iter()
                     .find(|found| found.body == Body::Vehicle(vehicle.id.clone()))
                     .map(|found| (found.order, found.strength)),
+                axes_sigma_rad: start.axes_sigma_rad,
                 left_out: None,
             };
             estimate.bridge_gaps(problem, vehicle);

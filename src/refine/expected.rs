@@ -15,7 +15,7 @@ pub fn expected(problem: &Problem, truth: &Estimate, motion: MotionPriors) -> (N
     let options = RefineOptions { motion, arrangement: Arrangement::Together, ..RefineOptions::default() };
     let excluded = Excluded::nothing(problem);
     let selection = Selection::everything(problem);
-    let robust = Model::new(problem, truth, truth, options.network(), &selection, Purpose::Adjustment);
+    let robust = Model::new(problem, truth, truth, options.network(), &selection, Purpose::FROM_AFAR);
     let values = robust.values(truth);
     let frames = body_frames(problem, truth, &robust, &values);
     let fits = Fits::new(problem, truth, Loss::Squared, 1.0, &excluded).all_accepted();

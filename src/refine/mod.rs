@@ -18,6 +18,7 @@ mod alone;
 mod directed_tests;
 mod expected;
 mod fit;
+mod frames;
 mod gross_errors;
 mod outcome;
 mod reversal;
@@ -28,6 +29,7 @@ mod warnings;
 pub use alone::alone;
 pub use expected::expected;
 pub use fit::ObservationFit;
+pub use frames::is_in_the_middle;
 pub use gross_errors::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verdicts};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, Round};
 pub use schedule::RoundSchedule;
@@ -36,8 +38,7 @@ pub use warnings::{AdjustmentWarning, NoSolution};
 
 use crate::estimate::Estimate;
 use crate::initialise::start_anew;
-use crate::initialise::vehicle_poses::body_axes::heading_of_travel;
-use crate::network::{Anchors, NetworkOptions, Purpose, body_frames, start_clocks};
+use crate::network::{Anchors, NetworkOptions, Purpose, anchored, body_frames, start_clocks};
 pub use crate::network::{
     Body, BodyStrength, MotionPrior, Order, Source, Strengths, camera_gap, frame_step, point_motion,
     pose_motion, scale_gap,
@@ -46,7 +47,6 @@ pub use crate::network::{BodyFrame, Model, MotionPriors, OUTLIER_SIGMAS};
 use crate::problem::Problem;
 use crate::rules::Rules;
 use directed_tests::{Held, directed_tests};
-use nalgebra::{Point3, UnitQuaternion, Vector3};
 use trackbundle_solver::TooLarge;
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
@@ -191,27 +191,6 @@ fn with_points_of(estimate: &Estimate, other: &Estimate) -> Estimate {
     whole
 }
 
-/// Turns the frames of vehicles that nothing else turns, so that their x axes point where they drive: a
-/// change of the datum, which no measurement notices. Seen from adjusted poses the direction of travel is
-/// better known than it was at the start, and what holds it on the way is weak.
-fn look_where_they_drive(problem: &Problem, estimate: &mut Estimate) {
-    let mut receivers = std::mem::take(&mut estimate.receivers);
-    for (at, (vehicle, estimate)) in problem.vehicles.iter().zip(&mut estimate.vehicles).enumerate() {
-        let is_known = vehicle.points.iter().any(|p| p.known[0].is_some() || p.known[1].is_some());
-        if is_known || !vehicle.has_no_poses() || estimate.left_out.is_some() {
-            continue;
-        }
-        let points: Vec<Point3<f64>> = estimate.points.iter().flatten().copied().collect();
-        let Some(angle) = heading_of_travel(&estimate.poses, &points) else { continue };
-        let body_from_turned = UnitQuaternion::from_scaled_axis(Vector3::z() * angle);
-        estimate.poses.iter_mut().flatten().for_each(|pose| pose.rotation *= body_from_turned);
-        estimate.points.iter_mut().flatten().for_each(|point| *point = body_from_turned.inverse() * *point);
-        let own = problem.receivers.iter().zip(&mut receivers).filter(|(receiver, _)| receiver.vehicle == at);
-        own.for_each(|(_, found)| found.lever_arm_m = body_from_turned.inverse() * found.lever_arm_m);
-    }
-    estimate.receivers = receivers;
-}
-
 struct Run<'a, 'p> {
     schedule: &'a RoundSchedule,
     problem: &'a Problem,
@@ -247,7 +226,7 @@ impl<'a, 'p> Run<'a, 'p> {
             _ => Excluded::suspected(problem, start),
         };
         let selection = excluded.selection();
-        let model = Model::new(problem, start, start, options.network(), &selection, Purpose::Adjustment);
+        let model = anchored(problem, start, start, options.network(), &selection);
         Ok(Run {
             schedule,
             problem,
@@ -357,7 +336,8 @@ impl<'a, 'p> Run<'a, 'p> {
     /// The robust estimate at its minimum, and how image points fit it.
     fn robust_estimate(&self, minimum: &Minimum) -> Result<(Estimate, Fits), NoSolution> {
         let mut estimate = self.model.estimate(self.problem, self.start, &self.values);
-        look_where_they_drive(self.problem, &mut estimate);
+        let open = body_frames(self.problem, &estimate, &self.model, &self.values);
+        frames::settle(self.problem, &mut estimate, &open);
         if !estimate.is_finite() || !minimum.cost.value.is_finite() {
             return Err(NoSolution::NotFinite);
         }
@@ -461,8 +441,10 @@ impl<'a, 'p> Run<'a, 'p> {
         }
         for ((frame, before), found) in frames.iter().zip(&estimate.vehicles).zip(&mut found.vehicles) {
             frame.restore(before, found);
+            found.axes_sigma_rad = before.axes_sigma_rad;
         }
         *estimate = found;
+        frames::centre(self.problem, estimate);
         let values = model.values(estimate);
         let frames = body_frames(self.problem, estimate, &model, &values)
             .into_iter()
@@ -562,7 +544,7 @@ impl<'a, 'p> Run<'a, 'p> {
         image_loss: Loss,
     ) -> Result<(Minimiser, Model, Values), TooLarge> {
         let (options, selection) = (self.options.network(), self.excluded.selection());
-        let mut model = Model::new(self.problem, self.start, now, options, &selection, Purpose::Adjustment);
+        let mut model = anchored(self.problem, self.start, now, options, &selection);
         model.set_image_loss(image_loss);
         model.copy_motion(&self.model);
         let values = model.system.start().clone();

@@ -7,7 +7,7 @@ use super::score_test::DirectedTest;
 use super::warnings::AdjustmentWarning;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;
-use crate::network::{BodyStrength, Model, OUTLIER_SIGMAS, Selection};
+use crate::network::{BodyStrength, Model, OUTLIER_SIGMAS, Selection, Source};
 use crate::problem::{Problem, Role, Target};
 use nalgebra::{Vector2, Vector3};
 use trackbundle_solver::Elimination;
@@ -109,11 +109,13 @@ impl Statistics {
 
     fn of_robust(model: &Model, minimum: &Minimum, inside: &[(f64, ObservationFit)]) -> Self {
         let (prior_rows, prior_squares) = model.prior_rows(&minimum.values);
+        // What is held of frames is no unknown.
+        let held: usize = model.groups_of(Source::Frame).map(|group| model.system.rows(group)).sum();
         let image_squares: f64 =
             inside.iter().map(|(sigma, fit)| fit.residual_px.norm_squared() / (sigma * sigma)).sum();
         Statistics {
             observations: prior_rows + 2 * inside.len(),
-            parameters: model.system.parameters(),
+            parameters: model.system.parameters() - held,
             squares: prior_squares + image_squares,
         }
     }

@@ -10,7 +10,7 @@ use super::gross_errors::Excluded;
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log};
-use crate::network::{Body, BodyStrength, Model, MotionPrior, MotionPriors, Purpose, Selection};
+use crate::network::{Body, BodyStrength, MotionPrior, MotionPriors, Selection, anchored};
 use crate::problem::{Freedom, PoseSigma, Problem, Shutter};
 use crate::rules::rules;
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
@@ -87,8 +87,7 @@ pub fn better_reversed(
         let selection = Selection { vehicles: vec![taken], targets: Vec::new() };
         let adjusted = |from: &VehicleEstimate| -> Result<(f64, VehicleEstimate), TooLarge> {
             let current = with(now, from);
-            let (options, purpose) = (options.network(), Purpose::Adjustment);
-            let mut model = Model::new(&alone, &start, &current, options, &selection, purpose);
+            let mut model = anchored(&alone, &start, &current, options.network(), &selection);
             model.set_image_loss(loss);
             let limits = MinimiserOptions { max_iterations: RULES.most_iterations, ..Default::default() };
             let minimum =

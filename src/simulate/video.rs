@@ -337,6 +337,7 @@ impl World {
             points: sights.points.iter().map(|(_, place)| Some(*place)).collect(),
             motion: None,
             axle: [0.0; 2],
+            axes_sigma_rad: 0.0,
             left_out: None,
         });
         recorded.vehicles.push(Vehicle { observations: sights.observations, ..vehicle });

@@ -184,6 +184,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             open_depth: vec![false; number],
             motion: None,
             axle: [0.0; 2],
+            axes_sigma_rad: 0.0,
             left_out: None,
         });
         for frame in 0..frames {

@@ -159,6 +159,7 @@ impl Film {
                 open_depth: vec![false; self.points],
                 motion: None,
                 axle: [0.0; 2],
+                axes_sigma_rad: 0.0,
                 left_out: None,
             }],
             targets: targets.iter().map(Target::surveyed).collect(),

@@ -177,7 +177,7 @@ pub fn examine(problem: &Problem, estimate: &Estimate) -> (Coordinates, Rows) {
             vehicles: &vehicles,
             motion: MotionPriors::OFF,
             selection: &Selection::everything(problem),
-            purpose: Purpose::Adjustment,
+            purpose: Purpose::FROM_AFAR,
         },
     );
     let Examination { mut all, mut rows, images: [of_vehicles, of_targets], .. } = examination;

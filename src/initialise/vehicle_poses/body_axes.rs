@@ -36,8 +36,9 @@ rules! {
         least_travel_m: f64 = 1.0, "m";
         /// How far the rear axle is behind the middle of the shape.
         axle_behind_middle: f64 = 0.3, "share of the length";
-        /// Its standard deviation: the constant part, and the part that grows with its distance.
-        axle_sigma_m: [f64; 2] = [0.2, 0.3], "m, share";
+        /// Its standard deviation: the constant part, and the part that grows with its distance. Unless it is said to
+        /// be a car a body may as well turn about its middle.
+        axle_sigma_m: [f64; 2] = [0.2, 0.8], "m, share";
         /// The widest turn in one step.
         widest_turn_rad: f64 = 0.7, "rad";
     }
@@ -141,12 +142,13 @@ fn direction_of_travel(pattern: &Pattern, part: usize, good: &[(usize, Vector2<f
     let center = pattern_center(pattern, part);
     let frames = (0..pattern.poses.len()).filter(|frame| pattern.part[*frame] == part);
     let points: Vec<Vector2<f64>> = good.iter().map(|(_, at)| *at).collect();
-    direction_along(frames.filter_map(|frame| pattern.poses[frame]), &center, &points)
+    direction_along(frames.filter_map(|frame| pattern.poses[frame]), &center, &points).map(|(angle, _)| angle)
 }
 
 /// The heading of a body's path of travel in the body \[rad\]: zero where its x axis points where it
-/// drives, as seen from its rear axle. `None` where it hardly moves. `points` are those of its shape.
-pub fn heading_of_travel(poses: &[Option<Pose>], points: &[Point3<f64>]) -> Option<f64> {
+/// drives, as seen from its rear axle, and its standard deviation. `None` where it hardly moves. `points` are those of
+/// its shape.
+pub fn heading_of_travel(poses: &[Option<Pose>], points: &[Point3<f64>]) -> Option<(f64, f64)> {
     let plane =
         |pose: &Pose| PlanePose { place_m: pose.translation.vector.xy(), heading_rad: heading_rad(pose) };
     let points: Vec<Vector2<f64>> = points.iter().map(|p| p.coords.xy()).collect();
@@ -157,7 +159,7 @@ fn direction_along(
     poses: impl Iterator<Item = PlanePose>,
     center: &Vector2<f64>,
     good: &[Vector2<f64>],
-) -> Option<f64> {
+) -> Option<(f64, f64)> {
     let mut path: Vec<PlanePose> = Vec::new();
     for pose in poses {
         let before = path.last().map_or(pose.heading_rad, |last| last.heading_rad);
@@ -196,7 +198,7 @@ fn direction_along(
     };
     let expected_m = -RULES.axle_behind_middle * extent(forward);
     let sigma_m = RULES.axle_sigma_m[0] + RULES.axle_sigma_m[1] * expected_m.abs();
-    let (mut angle, mut axle_m) = (forward, expected_m);
+    let (mut angle, mut axle_m, mut sigma_rad) = (forward, expected_m, 0.0);
     for _ in 0..10 {
         let (sine, cosine) = angle.sin_cos();
         let (along, left) = (Vector2::new(cosine, sine), Vector2::new(-sine, cosine));
@@ -213,11 +215,13 @@ fn direction_along(
             normal += weight * row * row.transpose();
             right -= weight * off * row;
         }
-        let step = normal.try_inverse()? * right;
+        let inverse = normal.try_inverse()?;
+        let step = inverse * right;
+        sigma_rad = scale * inverse[(0, 0)].max(0.0).sqrt();
         angle += step.x.clamp(-0.3, 0.3);
         axle_m += step.y;
     }
-    Some(angle)
+    Some((angle, sigma_rad))
 }
 
 /// The direction in which most of the distance was travelled, turns left out of account \[rad\].
