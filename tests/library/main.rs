@@ -8,6 +8,7 @@ mod found_poses;
 mod gross_errors;
 mod noise_free;
 mod observability;
+mod pulls;
 mod registration;
 mod scale_bar;
 mod scene;
