@@ -57,7 +57,9 @@ pub struct Declared {
     pub motion: Motion,
     /// Groups whose rows together weigh as much as one observation of a few numbers.
     pub datum: Vec<GroupId>,
-    /// How many numbers that is, of starting shapes.
+    /// Starting shapes, where nothing knows the scale.
+    pub shapes: GroupId,
+    /// How many numbers these count as.
     pub shape_rows: usize,
     /// What is odd.
     pub warnings: Vec<NetworkWarning>,
@@ -86,7 +88,18 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
     add_tie_points(sink, problem, current, &blocks);
     let motion = add_motion(sink, declaration, &blocks);
     add_driving(sink, problem, &blocks);
-    Declared { blocks, images, highest_points, gnss_items, ground_shift, motion, datum, shape_rows, warnings }
+    Declared {
+        blocks,
+        images,
+        highest_points,
+        gnss_items,
+        ground_shift,
+        motion,
+        datum,
+        shapes,
+        shape_rows,
+        warnings,
+    }
 }
 
 fn starting<'a>(declaration: &Declaration<'a>) -> Starting<'a> {

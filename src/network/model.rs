@@ -55,6 +55,8 @@ pub struct Model {
     /// numbers that is.
     datum: Vec<GroupId>,
     datum_rows: usize,
+    /// Those of starting shapes, where nothing knows the scale.
+    shapes: GroupId,
     blocks: Blocks,
     /// Vehicle and point of each receiver.
     receiver_points: Vec<(usize, usize)>,
@@ -100,6 +102,7 @@ impl Model {
             images: images.groups,
             datum,
             datum_rows: pose_rows(&declaration) + declared.shape_rows,
+            shapes: declared.shapes,
             blocks,
             receiver_points: problem.receivers.iter().map(|r| (r.vehicle, r.point)).collect(),
         }
@@ -115,11 +118,18 @@ impl Model {
         &self.receiver_points
     }
 
-    /// Takes almost all weight from conventions: what they hold is then seen to be held by nothing else.
+    /// Takes almost all weight from conventions, so that they pull nothing; only the starting shape of a vehicle whose
+    /// scale nothing knows keeps it where it is.
     pub fn loosen_conventions(&mut self) {
-        for (_, group) in self.sources.iter().filter(|(source, _)| *source == Source::Convention) {
-            self.system.set_sigma_factor(*group, UNCONVENTIONAL);
+        let conventions = self.sources.iter().filter(|(source, _)| *source == Source::Convention);
+        for group in conventions.map(|(_, group)| *group).filter(|group| *group != self.shapes) {
+            self.system.set_sigma_factor(group, UNCONVENTIONAL);
         }
+    }
+
+    /// Takes almost all weight from starting shapes: a scale that they hold is then seen to be held by nothing else.
+    pub fn loosen_starting_shapes(&mut self) {
+        self.system.set_sigma_factor(self.shapes, UNCONVENTIONAL);
     }
 
     /// Groups of image points: of vehicles, of targets.

@@ -435,7 +435,8 @@ impl<'a, 'p> Run<'a, 'p> {
             minimum = self.round("least squares, weighed anew", least_squares_decrease, interim_iterations);
         }
         let mut found = self.model.estimate(self.problem, self.start, &self.values);
-        let model = std::mem::replace(&mut self.model, robust);
+        let mut model = std::mem::replace(&mut self.model, robust);
+        model.loosen_starting_shapes();
         if !found.is_finite() || matches!(minimum.stop, Stop::Stalled { .. }) {
             return Ok(None);
         }
