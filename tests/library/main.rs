@@ -14,3 +14,4 @@ mod scene;
 mod statistics;
 #[path = "../support/mod.rs"]
 mod support;
+mod wrong_tracks;
