@@ -5,7 +5,7 @@
 //! ```
 
 use crate::rules::page;
-use crate::{diagnose, evaluate, initialise, refine};
+use crate::{diagnose, evaluate, initialise, refine, terrain};
 
 const HEAD: &str = "# Constants
 
@@ -19,7 +19,13 @@ This page is made from the types in the sources and held against them by a test.
 
 #[test]
 fn the_page_of_constants_is_what_the_types_say() {
-    let all = [initialise::constants(), refine::constants(), diagnose::constants(), evaluate::constants()];
+    let all = [
+        terrain::constants(),
+        initialise::constants(),
+        refine::constants(),
+        diagnose::constants(),
+        evaluate::constants(),
+    ];
     let wanted = format!("{HEAD}{}", page(&all.concat()));
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/constants.md");
     if std::env::var_os("WRITE_DOCS").is_some() {

@@ -4,19 +4,24 @@
 
 pub mod resection;
 pub mod shape;
+pub mod static_world;
 pub mod vehicle_poses;
 mod warnings;
 
 use crate::estimate::{Estimate, LeftOut, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::problem::{Problem, Role, Vehicle, VehicleObservation};
+use crate::problem::{Known, Problem, Role, TargetObservation, Vehicle, VehicleObservation};
 use crate::residuals::inside_body::BODY_BOX_M;
+pub use crate::residuals::inside_body::BODY_MIDDLE_M;
 use crate::rules::{Rules, rules};
+use crate::stats::quantile::upper_median;
 use nalgebra::Point3;
 use rayon::prelude::*;
 pub use resection::{NotResectable, Resection};
 use shape::dlt::{LinearPoint, Sighting};
 use shape::{robust_dlt, triangulation};
+use static_world::WorldTrack;
+use trackbundle_solver::loss::robust_spread;
 pub use vehicle_poses::MotionBounds;
 use vehicle_poses::{FoundPoses, find_poses, static_points};
 pub use warnings::InitialWarning;
@@ -32,6 +37,8 @@ rules! {
         most_gross_share: f64 = 0.02, "share of points";
         /// Where a residual of an image point turns linear.
         huber_sigmas: f64 = 1.5, "standard deviations";
+        /// Fewest image points of targets that say what static points scatter.
+        least_static: usize = 20, "image points";
     }
 }
 
@@ -48,7 +55,11 @@ pub fn constants() -> Vec<Rules> {
         vehicle_poses::body_axes::BodyAxesRules::PAGE,
         vehicle_poses::FoundPoseRules::PAGE,
     ];
-    let of_shapes = [shape::dlt::DltRules::PAGE, shape::triangulation::TriangulationRules::PAGE];
+    let of_shapes = [
+        static_world::StaticWorldRules::PAGE,
+        shape::dlt::DltRules::PAGE,
+        shape::triangulation::TriangulationRules::PAGE,
+    ];
     [InitialiseRules::PAGE]
         .into_iter()
         .chain(resection::constants())
@@ -147,7 +158,9 @@ pub fn start_anew(problem: &Problem, start: &Estimate) -> Option<Estimate> {
             }
             let (frames, bounds) = (&problem.frames, MotionBounds::default());
             let cameras = &start.camera_poses;
-            let Ok(found) = find_poses(vehicle, frames, &problem.camera, cameras, &ground.terrain, &bounds)
+            let stands = standing_tracks(problem, vehicle, cameras);
+            let terrain = &ground.terrain;
+            let Ok(found) = find_poses(vehicle, &stands, frames, &problem.camera, cameras, terrain, &bounds)
             else {
                 return false;
             };
@@ -190,6 +203,36 @@ pub fn static_tracks(problem: &Problem, camera_poses: &[Pose]) -> Vec<Vec<bool>>
     problem.vehicles.par_iter().map(of_vehicle).collect()
 }
 
+/// For each point of a vehicle whether its track is of something that stands, by the poses of the camera alone, while
+/// other tracks in the same frames are not.
+fn standing_tracks(problem: &Problem, vehicle: &Vehicle, camera_poses: &[Pose]) -> Vec<bool> {
+    let mut tracks: Vec<WorldTrack> = vec![Vec::new(); vehicle.points.len()];
+    for o in &vehicle.observations {
+        tracks[o.point].extend(world_sighting(problem, camera_poses, o).map(|ray| (o.frame, ray)));
+    }
+    let surveyed: Vec<_> = problem.targets.iter().map(|target| target.surveyed()).collect();
+    let found = static_world::static_tracks(&tracks, static_scatter(problem, camera_poses, &surveyed));
+    found.iter().map(Option::is_some).collect()
+}
+
+/// What image points of static points scatter by these camera poses, in their standard deviations, and at least 1:
+/// as control targets do; without enough of them, as the stated attitudes of the camera do.
+pub fn static_scatter(problem: &Problem, camera_poses: &[Pose], targets: &[Option<Point3<f64>>]) -> f64 {
+    let square = |o: &TargetObservation| {
+        let target = targets[o.target].filter(|_| problem.targets[o.target].role == Role::Control)?;
+        let in_camera = camera_poses[o.frame].inverse_transform_point(&target).coords;
+        Some((o.image_px - problem.camera.project(&in_camera)?).norm_squared() / (o.sigma_px * o.sigma_px))
+    };
+    let squares: Vec<f64> = problem.target_observations.iter().filter_map(square).collect();
+    if squares.len() >= RULES.least_static {
+        return robust_spread(squares).max(1.0);
+    }
+    let attitude_rad = problem.camera_pose_sigma.rotation_rad[0].unwrap_or(0.0);
+    let sigmas_px = problem.vehicles.iter().flat_map(|v| v.observations.iter().map(|o| o.sigma_px));
+    let sigma_px = upper_median(sigmas_px.collect()).unwrap_or(1.0);
+    1_f64.hypot(attitude_rad * problem.camera.focal_px.mean() / sigma_px)
+}
+
 /// A point of a vehicle from poses that are right: where most of its rays meet within `limit` standard
 /// deviations ([`triangulation::consensus`]), in the body. (In the frame of a body that drives straight on below
 /// a camera that hovers, the rays to a place on the road are parallel: they all meet at infinity.)
@@ -204,14 +247,36 @@ pub fn point_anew(
     let own = of_vehicle.observations.iter().filter(|o| o.point == point);
     let own = own.filter_map(|o| sighting(problem, &estimate.camera_poses, &estimate.vehicles[vehicle], o));
     let sightings: Vec<Sighting> = own.collect();
+    point_from_poses(&sightings, &of_vehicle.points[point].known, limit)
+}
+
+/// The same of rays in the frame of the body.
+pub fn point_from_poses(
+    sightings: &[Sighting],
+    known: &[Option<Known>; 3],
+    limit: f64,
+) -> Option<Point3<f64>> {
     let in_body = |point: &Point3<f64>| {
         point.iter().zip(BODY_BOX_M).all(|(value, [lower, upper])| (lower..upper).contains(value))
     };
-    triangulation::consensus(&sightings, &of_vehicle.points[point].known, limit, in_body)
+    triangulation::consensus(sightings, known, limit, in_body)
+}
+
+/// The ray of an image point of a vehicle in the world.
+pub fn world_sighting(
+    problem: &Problem,
+    camera_poses: &[Pose],
+    observation: &VehicleObservation,
+) -> Option<Sighting> {
+    Some(Sighting {
+        camera_from_body: camera_poses[observation.frame].inverse(),
+        ray: problem.camera.ray(&observation.image_px)?,
+        sigma: observation.sigma_px / problem.camera.focal_px.mean(),
+    })
 }
 
 /// The ray of an image point in the frame of its vehicle.
-fn sighting(
+pub fn sighting(
     problem: &Problem,
     camera_poses: &[Pose],
     estimate: &VehicleEstimate,
@@ -245,7 +310,8 @@ fn poses_of(
         return Ok(FoundPoses::given(vehicle));
     }
     let ground = problem.ground.as_ref().ok_or(LeftOut::NoTerrain)?;
-    find_poses(vehicle, &problem.frames, &problem.camera, camera_poses, &ground.terrain, bounds)
+    let stands = standing_tracks(problem, vehicle, camera_poses);
+    find_poses(vehicle, &stands, &problem.frames, &problem.camera, camera_poses, &ground.terrain, bounds)
 }
 
 struct Fit {

@@ -1,7 +1,7 @@
 //! The least squares that an adjustment would end with, at unknowns that are known.
 
-use super::gross_errors::Excluded;
 use super::outcome::Fits;
+use super::verdicts::Excluded;
 use super::{Arrangement, Network, RefineOptions, statistical};
 use crate::estimate::Estimate;
 use crate::network::{Model, MotionPriors, Purpose, Selection, body_frames};

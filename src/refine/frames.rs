@@ -39,6 +39,18 @@ pub fn settle(problem: &Problem, estimate: &mut Estimate, frames: &[BodyFrame]) 
     estimate.receivers = receivers;
 }
 
+/// Gives points that took no part, as they were known before their frame was moved, their places in it.
+pub fn take_along(before: &Estimate, moved: &mut Estimate, known: &[Vec<Option<Point3<f64>>>]) {
+    for ((before, moved), known) in before.vehicles.iter().zip(&mut moved.vehicles).zip(known) {
+        let mut poses = before.poses.iter().zip(&moved.poses);
+        let new_from_old = poses.find_map(|(old, new)| Some((*new)?.inverse() * (*old)?));
+        let new_from_old = new_from_old.unwrap_or_else(Pose::identity);
+        for (point, known) in moved.points.iter_mut().zip(known) {
+            *point = point.or(known.map(|known| new_from_old * known));
+        }
+    }
+}
+
 /// Puts the origins of bodies back into their middle where that is where they belong.
 pub fn centre(problem: &Problem, estimate: &mut Estimate) {
     for (vehicle, found) in problem.vehicles.iter().zip(&mut estimate.vehicles) {

@@ -19,9 +19,11 @@
 //! its point found anew. What then fits comes back.
 
 use super::fit::ObservationFit;
+use super::verdicts::{Excluded, ImagePointVerdict, RejectionReason, Verdicts};
+use super::wrong_tracks::{Judge, against_the_body, kind_of, suspected_static, swapped_part};
 use crate::estimate::{Estimate, Imaging};
-use crate::initialise::{point_anew, static_tracks};
-use crate::network::{OUTLIER_SIGMAS, Selection};
+use crate::initialise::{point_anew, static_scatter, static_tracks};
+use crate::network::OUTLIER_SIGMAS;
 use crate::problem::{Problem, Role};
 use crate::rules::rules;
 use crate::stats::quantile::{upper_median, value_at_share};
@@ -53,179 +55,22 @@ rules! {
 
 const RULES: GrossErrorRules = GrossErrorRules::DEFAULT;
 
-/// What became of an image point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ImagePointVerdict {
-    /// It took part.
-    Used,
-    /// It took part, with less than half of its weight.
-    DownWeighted,
-    /// It took no part.
-    Rejected(RejectionReason),
-}
-
-impl ImagePointVerdict {
-    /// Why it was rejected, if it was.
-    pub fn reason(self) -> Option<RejectionReason> {
-        match self {
-            ImagePointVerdict::Rejected(reason) => Some(reason),
-            ImagePointVerdict::Used | ImagePointVerdict::DownWeighted => None,
-        }
-    }
-}
-
-/// Why an image point took no part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum RejectionReason {
-    /// It is a gross error by itself.
-    ImagePoint,
-    /// Its track is one as a whole: it is not of this body, or not of this target.
-    Track,
-    /// All that was seen of the vehicle, or of the targets, in its frame is one.
-    Frame,
-    /// Its computed place is behind the camera.
-    BehindCamera,
-    /// Its point has no coordinates.
-    NoCoordinates,
-    /// It is of a check point.
-    CheckPoint,
-}
-
-impl RejectionReason {
-    /// All of them.
-    pub const ALL: [RejectionReason; 6] = [
-        RejectionReason::ImagePoint,
-        RejectionReason::Track,
-        RejectionReason::Frame,
-        RejectionReason::BehindCamera,
-        RejectionReason::NoCoordinates,
-        RejectionReason::CheckPoint,
-    ];
-
-    /// That of this name.
-    pub fn of_name(name: &str) -> Option<RejectionReason> {
-        RejectionReason::ALL.into_iter().find(|reason| reason.name() == name)
-    }
-
-    /// Its name in a report and in a table.
-    pub fn name(self) -> &'static str {
-        match self {
-            RejectionReason::ImagePoint => "image_point",
-            RejectionReason::Track => "track",
-            RejectionReason::Frame => "frame",
-            RejectionReason::BehindCamera => "behind_camera",
-            RejectionReason::NoCoordinates => "no_coordinates",
-            RejectionReason::CheckPoint => "check_point",
-        }
-    }
-
-    /// Whether it is a gross error of the image point.
-    pub fn is_gross(self) -> bool {
-        matches!(self, RejectionReason::ImagePoint | RejectionReason::Track | RejectionReason::Frame)
-    }
-}
-
-/// How many image points were used, down-weighted and rejected; together all that were given.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
-    /// That took part.
-    pub used: usize,
-    /// That took part with less than half of their weight.
-    pub down_weighted: usize,
-    /// That took no part, in the order of [`RejectionReason::ALL`].
-    pub rejected: [usize; RejectionReason::ALL.len()],
-}
-
-impl Tally {
-    fn count(&mut self, verdict: ImagePointVerdict) {
-        match verdict {
-            ImagePointVerdict::Used => self.used += 1,
-            ImagePointVerdict::DownWeighted => self.down_weighted += 1,
-            ImagePointVerdict::Rejected(reason) => self.rejected[reason as usize] += 1,
-        }
-    }
-
-    /// Rejected for this reason.
-    pub fn of(&self, reason: RejectionReason) -> usize {
-        self.rejected[reason as usize]
-    }
-
-    /// Gross errors of all three kinds.
-    pub fn gross(&self) -> usize {
-        RejectionReason::ALL
-            .into_iter()
-            .filter(|reason| reason.is_gross())
-            .map(|reason| self.of(reason))
-            .sum()
-    }
-
-    /// All that were given.
-    pub fn all(&self) -> usize {
-        self.used + self.down_weighted + self.rejected.iter().sum::<usize>()
-    }
-}
-
-/// The verdicts on all image points of a problem.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Verdicts {
-    /// For each vehicle one for each of its observations.
-    pub vehicles: Vec<Vec<ImagePointVerdict>>,
-    /// One for each target observation.
-    pub targets: Vec<ImagePointVerdict>,
-}
-
-impl Verdicts {
-    /// Their counts.
-    pub fn tally(&self) -> Tally {
-        let mut tally = Tally::default();
-        self.vehicles.iter().flatten().chain(&self.targets).for_each(|verdict| tally.count(*verdict));
-        tally
-    }
-}
-
-/// Image points that an adjustment leaves out: of whole tracks and whole frames.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Excluded {
-    /// For each vehicle one for each of its observations.
-    pub vehicles: Vec<Vec<Option<RejectionReason>>>,
-    /// One for each target observation.
-    pub targets: Vec<Option<RejectionReason>>,
-}
-
 impl Excluded {
-    /// The image points that are not left out.
-    pub fn selection(&self) -> Selection {
-        let taken =
-            |out: &Vec<Option<RejectionReason>>| -> Vec<bool> { out.iter().map(Option::is_none).collect() };
-        Selection { vehicles: self.vehicles.iter().map(taken).collect(), targets: taken(&self.targets) }
-    }
-
-    /// Nothing is left out.
-    pub fn nothing(problem: &Problem) -> Excluded {
-        Excluded {
-            vehicles: problem.vehicles.iter().map(|v| vec![None; v.observations.len()]).collect(),
-            targets: vec![None; problem.target_observations.len()],
-        }
-    }
-
-    /// Whether nothing is left out.
-    pub fn is_empty(&self) -> bool {
-        self.vehicles.iter().flatten().chain(&self.targets).all(Option::is_none)
-    }
-
     /// What the first estimate contradicts: tracks that stay behind on the ground while others drive on, and
     /// tracks that fit much worse than others do. Starting poses may be far off, but they are off for all
     /// points of a frame.
     pub fn suspected(problem: &Problem, start: &Estimate) -> Excluded {
         let mut excluded = Excluded::nothing(problem);
+        let sets = sets(problem, start);
         let is_left = static_tracks(problem, &start.camera_poses);
-        for ((vehicle, is_left), reasons) in problem.vehicles.iter().zip(&is_left).zip(&mut excluded.vehicles)
-        {
-            for (o, reason) in vehicle.observations.iter().zip(reasons) {
-                *reason = is_left[o.point].then_some(RejectionReason::Track);
+        let judge = judge_of(problem, start, 1.0);
+        for (at, (vehicle, is_left)) in problem.vehicles.iter().zip(&is_left).enumerate() {
+            let stands = suspected_static(&judge, at, &sets[at].tracks(), &sets[at].whitened());
+            for (o, reason) in vehicle.observations.iter().zip(&mut excluded.vehicles[at]) {
+                *reason = stands[o.point].or(is_left[o.point].then_some(RejectionReason::Static));
             }
         }
-        for (set, reasons) in sets(problem, start).iter().zip(excluded.sets_mut()) {
+        for (set, reasons) in sets.iter().zip(excluded.sets_mut()) {
             let mut scores = Vec::new();
             for track in
                 set.tracks().into_iter().filter(|track| track.iter().all(|at| reasons[*at].is_none()))
@@ -256,10 +101,10 @@ impl Excluded {
         let judge = |estimate: &Estimate| {
             let mut excluded = Excluded::nothing(problem);
             let before = self.vehicles.iter().chain([&self.targets]);
-            for ((set, reasons), before) in
-                sets(problem, estimate).iter().zip(excluded.sets_mut()).zip(before)
-            {
-                let judged = set.judge(limit).into_iter();
+            let sets = sets(problem, estimate);
+            let judge = judge_of(problem, estimate, spread);
+            for (at, (reasons, before)) in excluded.sets_mut().zip(before).enumerate() {
+                let judged = sets[at].judge_named(&judge, at, before).into_iter();
                 *reasons =
                     judged.map(|reason| reason.filter(|r| *r != RejectionReason::ImagePoint)).collect();
                 let left_in = reasons.iter().filter(|reason| reason.is_none()).count();
@@ -279,11 +124,13 @@ impl Excluded {
         let mut anew = doubted.with_points_anew(problem, estimate, limit);
         let judged = judge(&anew);
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
+            let mut has_some = vec![false; vehicle.points.len()];
             for (o, reason) in vehicle.observations.iter().zip(&judged.vehicles[at]) {
-                if *reason == Some(RejectionReason::Track) {
-                    // Where few of its rays happen to meet may be anywhere.
-                    anew.vehicles[at].points[o.point] = estimate.vehicles[at].points[o.point];
-                }
+                has_some[o.point] |= !reason.is_some_and(RejectionReason::is_of_track);
+            }
+            for point in (0..vehicle.points.len()).filter(|point| !has_some[*point]) {
+                // Where few of its rays happen to meet may be anywhere.
+                anew.vehicles[at].points[point] = estimate.vehicles[at].points[point];
             }
         }
         (judged, anew)
@@ -296,7 +143,7 @@ impl Excluded {
         for (at, vehicle) in problem.vehicles.iter().enumerate() {
             let mut is_out = vec![false; vehicle.points.len()];
             for (o, reason) in vehicle.observations.iter().zip(&self.vehicles[at]) {
-                is_out[o.point] |= *reason == Some(RejectionReason::Track);
+                is_out[o.point] |= reason.is_some_and(RejectionReason::is_of_track);
             }
             // A point that has no coordinates gets none: the unknowns stay the same.
             let has = |point: &usize| estimate.vehicles[at].points[*point].is_some();
@@ -348,8 +195,9 @@ pub fn verdicts(
         |vehicle, at| residual_px(&of_vehicles[vehicle][at]),
         |at| residual_px(&of_targets[at]),
     );
-    for ((set, fits), out) in sets.iter().zip(all_fits).zip(all_out) {
-        let judged = set.judge(limit);
+    let judge = judge_of(problem, estimate, limit / OUTLIER_SIGMAS);
+    for (at, ((set, fits), out)) in sets.iter().zip(all_fits).zip(all_out).enumerate() {
+        let judged = set.verdicts(&judge, at);
         let one = |at: usize| match (out[at], set.seen[at].kind, &fits[at]) {
             (_, Kind::Check, _) => ImagePointVerdict::Rejected(RejectionReason::CheckPoint),
             (Some(reason), ..) => ImagePointVerdict::Rejected(reason),
@@ -449,7 +297,101 @@ fn sets_of(
     sets
 }
 
+/// What tracks are held against; `spread` is what good image points of vehicles scatter.
+fn judge_of<'a>(problem: &'a Problem, estimate: &'a Estimate, spread: f64) -> Judge<'a> {
+    let static_scatter = static_scatter(problem, &estimate.camera_poses, &estimate.targets);
+    let limit = OUTLIER_SIGMAS * spread.max(1.0);
+    Judge { problem, estimate, limit, spread, static_scatter }
+}
+
 impl Set {
+    /// Residuals in standard deviations.
+    fn whitened(&self) -> Vec<Option<Vector2<f64>>> {
+        self.seen.iter().map(|seen| seen.whitened).collect()
+    }
+
+    /// The verdicts by these residuals, each track that is of something else by what it is of. `before` was left out.
+    fn judge_named(
+        &self,
+        judge: &Judge<'_>,
+        at: usize,
+        before: &[Option<RejectionReason>],
+    ) -> Vec<Option<RejectionReason>> {
+        if at >= judge.problem.vehicles.len() {
+            return self.judge(judge.limit, &vec![None; self.points]);
+        }
+        let (tracks, whitened) = (self.tracks_with_coordinates(), self.whitened());
+        let was_out = |at: &usize| before[*at].is_some_and(RejectionReason::is_of_track);
+        let is_out: Vec<bool> =
+            tracks.iter().map(|track| !track.is_empty() && track.iter().all(was_out)).collect();
+        let mut wrong = against_the_body(judge, at, &tracks, &whitened, &is_out);
+        let is_doubtful = |point: usize| match wrong[point] {
+            None => {
+                let gross = tracks[point].iter().filter(|at| !self.fits(**at, judge.limit)).count();
+                gross >= RULES.least_together
+            }
+            Some(reason) => reason == RejectionReason::Sliding,
+        };
+        let parts: Vec<_> = tracks
+            .iter()
+            .enumerate()
+            .map(|(point, track)| is_doubtful(point).then(|| swapped_part(judge, at, track)).flatten())
+            .collect();
+        wrong.iter_mut().zip(&parts).filter(|(_, part)| part.is_some()).for_each(|(wrong, _)| *wrong = None);
+        let mut reasons = self.judge(judge.limit, &wrong);
+        for (track, part) in tracks.iter().zip(&parts) {
+            let Some(part) = part else { continue };
+            for (place, at) in track.iter().enumerate() {
+                let is_own = reasons[*at].is_some_and(RejectionReason::is_of_track);
+                if part.contains(&place) {
+                    reasons[*at] = Some(RejectionReason::Swapped);
+                } else if is_own {
+                    reasons[*at] = None;
+                }
+            }
+        }
+        self.name_tracks(judge, at, &mut reasons);
+        reasons
+    }
+
+    /// The verdicts at the end: what is not left out by now is judged by its image points alone.
+    fn verdicts(&self, judge: &Judge<'_>, at: usize) -> Vec<Option<RejectionReason>> {
+        let mut reasons = self.judge(judge.limit, &vec![None; self.points]);
+        if at >= judge.problem.vehicles.len() {
+            return reasons;
+        }
+        self.name_tracks(judge, at, &mut reasons);
+        for track in self.tracks_with_coordinates() {
+            let alone = track.iter().filter(|at| reasons[**at] == Some(RejectionReason::ImagePoint)).count();
+            if alone < RULES.least_together {
+                continue;
+            }
+            for place in swapped_part(judge, at, &track).into_iter().flatten() {
+                let reason = &mut reasons[track[place]];
+                *reason = reason.map(|_| RejectionReason::Swapped);
+            }
+        }
+        reasons
+    }
+
+    /// Says of what the tracks are that are gross as a whole.
+    fn name_tracks(&self, judge: &Judge<'_>, at: usize, reasons: &mut [Option<RejectionReason>]) {
+        let whitened = self.whitened();
+        for (point, track) in self.tracks_with_coordinates().iter().enumerate() {
+            if track.first().is_some_and(|first| reasons[*first] == Some(RejectionReason::Track)) {
+                let kind = kind_of(judge, at, point, track, &whitened);
+                track.iter().for_each(|at| reasons[*at] = Some(kind));
+            }
+        }
+    }
+
+    /// The same as [`Set::tracks`], those of points without coordinates empty.
+    fn tracks_with_coordinates(&self) -> Vec<Vec<usize>> {
+        let mut tracks = self.tracks();
+        tracks.iter_mut().for_each(|track| track.retain(|at| self.seen[*at].kind == Kind::Point));
+        tracks
+    }
+
     /// Indices of the image points of each point, in order of time.
     fn tracks(&self) -> Vec<Vec<usize>> {
         let mut tracks = vec![Vec::new(); self.points];
@@ -461,11 +403,13 @@ impl Set {
         self.seen[at].whitened.is_some_and(|residual| residual.norm() <= limit)
     }
 
-    fn judge(&self, limit: f64) -> Vec<Option<RejectionReason>> {
+    /// The verdicts by image points, beside what is known of tracks by their points.
+    fn judge(&self, limit: f64, wrong: &[Option<RejectionReason>]) -> Vec<Option<RejectionReason>> {
         let mut reasons = vec![None; self.seen.len()];
-        for track in self.tracks() {
-            if self.is_gross_as_a_whole(&track, limit) {
-                track.into_iter().for_each(|at| reasons[at] = Some(RejectionReason::Track));
+        for (track, wrong) in self.tracks().into_iter().zip(wrong) {
+            let gross = || self.is_gross_as_a_whole(&track, limit).then_some(RejectionReason::Track);
+            if let Some(reason) = wrong.or_else(gross) {
+                track.into_iter().for_each(|at| reasons[at] = Some(reason));
             }
         }
         let mut frames = vec![Vec::new(); self.frames];
@@ -509,6 +453,7 @@ mod tests {
     use super::*;
 
     const LIMIT: f64 = 5.12;
+    const NONE: [Option<RejectionReason>; 5] = [None; 5];
 
     /// Image points of five points in 40 frames; `residual` by frame and point.
     fn set(residual: impl Fn(usize, usize) -> Option<f64>) -> Set {
@@ -533,7 +478,7 @@ mod tests {
             Some(if point == 0 { off } else { 1.0 })
         });
         let fitting = (0..40).filter(|frame| crossing.fits(5 * frame, LIMIT)).count();
-        let reasons = crossing.judge(LIMIT);
+        let reasons = crossing.judge(LIMIT, &NONE);
         assert!(fitting > 0 && count(&reasons, RejectionReason::Track) == 40, "{fitting}");
         assert_eq!(reasons.iter().flatten().count(), 40);
     }
@@ -541,19 +486,19 @@ mod tests {
     #[test]
     fn errors_that_come_alone_are_rejected_alone_even_where_they_are_most_of_a_track() {
         let scattered = set(|frame, point| Some(if point == 2 && frame % 5 > 1 { 90.0 } else { 1.0 }));
-        let reasons = scattered.judge(LIMIT);
+        let reasons = scattered.judge(LIMIT, &NONE);
         assert_eq!(
             [count(&reasons, RejectionReason::Track), count(&reasons, RejectionReason::ImagePoint)],
             [0, 24]
         );
         let all = set(|frame, point| Some(if point == 2 && frame > 0 { 90.0 } else { 1.0 }));
-        assert_eq!(count(&all.judge(LIMIT), RejectionReason::Track), 40);
+        assert_eq!(count(&all.judge(LIMIT, &NONE), RejectionReason::Track), 40);
     }
 
     #[test]
     fn a_frame_is_judged_by_what_wrong_tracks_leave_of_it() {
         let set = set(|frame, point| Some(if point < 1 || frame == 7 { 60.0 } else { 1.0 }));
-        let reasons = set.judge(LIMIT);
+        let reasons = set.judge(LIMIT, &NONE);
         assert_eq!(
             [count(&reasons, RejectionReason::Track), count(&reasons, RejectionReason::Frame)],
             [40, 4]
@@ -563,6 +508,6 @@ mod tests {
     #[test]
     fn what_lies_behind_the_camera_is_gross_as_can_be() {
         let set = set(|_, point| if point == 3 { None } else { Some(1.0) });
-        assert_eq!(count(&set.judge(LIMIT), RejectionReason::Track), 40);
+        assert_eq!(count(&set.judge(LIMIT, &NONE), RejectionReason::Track), 40);
     }
 }

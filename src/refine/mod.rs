@@ -24,16 +24,18 @@ mod outcome;
 mod reversal;
 mod schedule;
 mod score_test;
+mod verdicts;
 mod warnings;
+mod wrong_tracks;
 
 pub use alone::alone;
 pub use expected::expected;
 pub use fit::ObservationFit;
 pub use frames::is_in_the_middle;
-pub use gross_errors::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verdicts};
 pub use outcome::{Adjustment, CheckPoint, Fits, LeastSquares, Round};
 pub use schedule::RoundSchedule;
 pub use score_test::{CRITICAL, DirectedTest};
+pub use verdicts::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verdicts};
 pub use warnings::{AdjustmentWarning, NoSolution};
 
 use crate::estimate::Estimate;
@@ -47,6 +49,7 @@ pub use crate::network::{BodyFrame, Model, MotionPriors, OUTLIER_SIGMAS};
 use crate::problem::Problem;
 use crate::rules::Rules;
 use directed_tests::{Held, directed_tests};
+use nalgebra::Point3;
 use trackbundle_solver::TooLarge;
 use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::{DEFAULT_SHAPE, Loss, LossName};
@@ -63,7 +66,7 @@ pub struct RefineOptions {
     pub loss_scale: Option<f64>,
     /// Barron's alpha.
     pub loss_shape: f64,
-    /// The most iterations, all rounds together.
+    /// The most iterations, all rounds together; where the approach begins anew without wrong tracks, from there on.
     pub max_iterations: usize,
     /// The motion priors.
     pub motion: MotionPriors,
@@ -104,7 +107,12 @@ pub type ProgressSink<'a> = &'a mut dyn FnMut(Progress<'_>);
 
 /// The constants of the adjustment.
 pub fn constants() -> Vec<Rules> {
-    vec![RoundSchedule::PAGE, gross_errors::GrossErrorRules::PAGE, reversal::ReversalRules::PAGE]
+    vec![
+        RoundSchedule::PAGE,
+        gross_errors::GrossErrorRules::PAGE,
+        wrong_tracks::WrongTrackRules::PAGE,
+        reversal::ReversalRules::PAGE,
+    ]
 }
 
 /// The adjusted unknowns, and the least squares behind them.
@@ -200,6 +208,8 @@ struct Run<'a, 'p> {
     model: Model,
     /// What the model leaves out.
     excluded: Excluded,
+    /// Points of vehicles as they were last known, those too whose tracks are left out.
+    known_points: Vec<Vec<Option<Point3<f64>>>>,
     minimiser: Minimiser,
     values: Values,
     /// The chosen loss of image points.
@@ -207,6 +217,8 @@ struct Run<'a, 'p> {
     /// What good image points scatter after the approach, in standard deviations.
     spread: f64,
     estimates_motion: bool,
+    /// Whether tracks were left out of late that bend a motion to themselves.
+    is_bent: bool,
     /// Iterations left.
     left: usize,
     rounds: Vec<Round>,
@@ -226,8 +238,10 @@ impl<'a, 'p> Run<'a, 'p> {
             _ => Excluded::suspected(problem, start),
         };
         let selection = excluded.selection();
-        let model = anchored(problem, start, start, options.network(), &selection);
+        let taken = excluded.without_points_left_out(problem, start);
+        let model = anchored(problem, start, &taken, options.network(), &selection);
         Ok(Run {
+            known_points: start.vehicles.iter().map(|vehicle| vehicle.points.clone()).collect(),
             schedule,
             problem,
             progress,
@@ -240,6 +254,7 @@ impl<'a, 'p> Run<'a, 'p> {
             estimates_motion: model.motion.is_estimated(),
             model,
             excluded,
+            is_bent: false,
             left: options.max_iterations,
             rounds: Vec::new(),
         })
@@ -259,6 +274,17 @@ impl<'a, 'p> Run<'a, 'p> {
             self.approach_anew(loss, minimum.cost.value)?;
         }
         self.judge(loss)?;
+        for _ in 0..self.schedule.most_new_approaches {
+            if !std::mem::take(&mut self.is_bent) {
+                break;
+            }
+            // Wrong tracks have bent the motion to themselves, and what is left would keep it there. It begins
+            // anew, iterations and all.
+            self.left = self.options.max_iterations;
+            self.go_on_from(self.start, loss)?;
+            self.round("approach without wrong tracks", decrease, most);
+            self.judge(loss)?;
+        }
         Ok(())
     }
 
@@ -333,11 +359,22 @@ impl<'a, 'p> Run<'a, 'p> {
         Ok(minimum)
     }
 
+    /// What is known now, with the points that the model leaves out where they were last.
+    fn whole_estimate(&self) -> Estimate {
+        let mut estimate = self.model.estimate(self.problem, self.start, &self.values);
+        for (vehicle, known) in estimate.vehicles.iter_mut().zip(&self.known_points) {
+            vehicle.points.iter_mut().zip(known).for_each(|(point, known)| *point = point.or(*known));
+        }
+        estimate
+    }
+
     /// The robust estimate at its minimum, and how image points fit it.
     fn robust_estimate(&self, minimum: &Minimum) -> Result<(Estimate, Fits), NoSolution> {
         let mut estimate = self.model.estimate(self.problem, self.start, &self.values);
+        let before = estimate.clone();
         let open = body_frames(self.problem, &estimate, &self.model, &self.values);
         frames::settle(self.problem, &mut estimate, &open);
+        frames::take_along(&before, &mut estimate, &self.known_points);
         if !estimate.is_finite() || !minimum.cost.value.is_finite() {
             return Err(NoSolution::NotFinite);
         }
@@ -519,12 +556,13 @@ impl<'a, 'p> Run<'a, 'p> {
         if self.options.loss == LossName::None {
             return Ok(false);
         }
-        let now = self.model.estimate(self.problem, self.start, &self.values);
+        let now = self.whole_estimate();
         let spread = self.model.spread(&self.values);
         let (judged, now) = self.excluded.judged_anew(self.problem, &now, spread);
-        let changes = judged != self.excluded;
+        let changes = judged.selection() != self.excluded.selection();
+        self.is_bent |= judged.has_new_tracks_that_bend(&self.excluded);
+        self.excluded = judged;
         if changes {
-            self.excluded = judged;
             self.go_on_from(&now, image_loss)?;
         }
         Ok(changes)
@@ -533,7 +571,7 @@ impl<'a, 'p> Run<'a, 'p> {
     /// Makes the model anew from what is known now: which point of a body is its highest, how things move
     /// while rows are read out, between which frames a GNSS position falls, how far vehicles are away.
     fn take_stock(&mut self, image_loss: Loss) -> Result<(), TooLarge> {
-        let now = self.model.estimate(self.problem, self.start, &self.values);
+        let now = self.whole_estimate();
         self.go_on_from(&now, image_loss)?;
         Ok(())
     }
@@ -545,7 +583,11 @@ impl<'a, 'p> Run<'a, 'p> {
         image_loss: Loss,
     ) -> Result<(Minimiser, Model, Values), TooLarge> {
         let (options, selection) = (self.options.network(), self.excluded.selection());
-        let mut model = anchored(self.problem, self.start, now, options, &selection);
+        for (known, now) in self.known_points.iter_mut().zip(&now.vehicles) {
+            known.iter_mut().zip(&now.points).for_each(|(known, now)| *known = now.or(*known));
+        }
+        let taken = self.excluded.without_points_left_out(self.problem, now);
+        let mut model = anchored(self.problem, self.start, &taken, options, &selection);
         model.set_image_loss(image_loss);
         model.copy_motion(&self.model);
         let values = model.system.start().clone();

@@ -2,8 +2,9 @@
 
 use super::Network;
 use super::fit::ObservationFit;
-use super::gross_errors::{self, Excluded, ImagePointVerdict, Tally, Verdicts};
+use super::gross_errors;
 use super::score_test::DirectedTest;
+use super::verdicts::{Excluded, ImagePointVerdict, Tally, Verdicts};
 use super::warnings::AdjustmentWarning;
 use crate::estimate::{Estimate, Imaging};
 use crate::initialise::intersect_target;

@@ -6,7 +6,7 @@
 //! adjusted too, body by body under the cameras as they are, and taken where its cost is lower.
 
 use super::RefineOptions;
-use super::gross_errors::Excluded;
+use super::verdicts::Excluded;
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
 use crate::geometry::rotation::{exp, log};

@@ -10,6 +10,8 @@ rules! {
         approach_decrease: f64 = 1e-3, "share of the cost";
         /// After an approach with more records than this, another is tried from poses found in the images.
         long_approach: usize = 6, "records";
+        /// Where tracks bend the motion to themselves, the approach begins anew without them, so often at the most.
+        most_new_approaches: usize = 2, "rounds";
         /// The most iterations of a round before the last.
         interim_iterations: usize = 10, "iterations";
         /// The decrease of a graduated round, and of one between two estimates of the motion priors.

@@ -14,7 +14,9 @@
 //! others, of standard deviation `s sqrt(1 - c^2)`. Taken as independent, the 150 frames of five
 //! seconds would hold the scale five times too well.
 //!
-//! A pose outside a terrain grid, or where it has no data, has no residual.
+//! A contact is declared where the ground is known around a pose. A step of the minimiser may lead beyond its border
+//! all the same; there the ground goes on from where it is known ([`Terrain::continued_at`]), since a residual that
+//! comes and goes makes the cost jump. A pose some metres beyond has no residual.
 
 use crate::geometry::Pose;
 use crate::terrain::Terrain;
@@ -55,7 +57,7 @@ impl NextContact {
 /// `h` and its derivative by the pose; `None` where there is no ground.
 fn deviation(terrain: &Terrain, pose: &Pose, bias_m: f64) -> Option<(Vector3<f64>, Matrix3x6<f64>)> {
     let position = pose.translation.vector;
-    let ground = terrain.at(position.x, position.y).ok()?;
+    let ground = terrain.continued_at(position.x, position.y)?;
     let normal = pose.rotation.inverse_transform_vector(&ground.normal());
     let value = Vector3::new(position.z - ground.height_m - bias_m, normal.x, normal.y);
     let mut jacobian = Matrix3x6::zeros();
@@ -129,14 +131,28 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_off_the_grid_has_no_residual() {
+    fn a_vehicle_far_off_the_grid_has_no_residual() {
         let at = |x: f64| write_pose(&crate::geometry::pose([x, 6.0, 0.7], [1.0, 0.0, 0.0, 0.0]));
         let first = FirstContact { terrain: hills() };
-        assert!(first.evaluate(&[&at(19.9), &[0.0]], None).is_some());
-        assert!(first.evaluate(&[&at(20.1), &[0.0]], None).is_none());
+        assert!(first.evaluate(&[&at(20.1), &[0.0]], None).is_some());
+        assert!(first.evaluate(&[&at(26.1), &[0.0]], None).is_none());
         let next = NextContact { terrain: hills(), correlation: 0.9 };
-        assert!(next.evaluate(&[&at(20.1), &at(19.9), &[0.0]], None).is_none());
-        assert!(next.evaluate(&[&at(19.9), &at(20.1), &[0.0]], None).is_none());
+        assert!(next.evaluate(&[&at(26.1), &at(19.9), &[0.0]], None).is_none());
+        assert!(next.evaluate(&[&at(19.9), &at(26.1), &[0.0]], None).is_none());
+    }
+
+    /// What a step across the border of the grid changes is what the same step changes inside it.
+    #[test]
+    fn a_vehicle_crosses_the_border_of_the_grid_without_a_jump() {
+        let first = FirstContact { terrain: hills() };
+        let at = |x: f64| {
+            let pose = write_pose(&crate::geometry::pose([x, 6.3, 0.7], [1.0, 0.0, 0.0, 0.0]));
+            first.evaluate(&[&pose, &[0.0]], None).unwrap()
+        };
+        let step = 1e-6;
+        let (inside, across) =
+            (at(20.0 - 0.5 * step) - at(20.0 - 1.5 * step), at(20.0 + 0.5 * step) - at(20.0 - 0.5 * step));
+        assert!((inside - across).norm() < 1e-9, "{inside} {across}");
     }
 
     #[test]

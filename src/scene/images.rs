@@ -38,6 +38,10 @@ fn told(reason: RejectionReason) -> &'static str {
     match reason {
         RejectionReason::ImagePoint => "rejected alone",
         RejectionReason::Track => "rejected with its whole track",
+        RejectionReason::Static => "of the static world",
+        RejectionReason::Sliding => "slides over the body",
+        RejectionReason::Swapped => "gone over to another point",
+        RejectionReason::Foreign => "of something else that moves",
         RejectionReason::Frame => "rejected with its whole frame",
         RejectionReason::BehindCamera => "behind the camera",
         RejectionReason::NoCoordinates => "without coordinates",

@@ -16,6 +16,9 @@ const SCAN_POINTS: usize = 5000;
 /// A marker lies so near to the middle of the body, along and across \[m\].
 const MARKER_NEAR_M: [f64; 2] = [1.0, 0.4];
 
+/// Where a parametric car begins, as a share of its height.
+const LOWEST_OF_HEIGHT: f64 = 0.18;
+
 /// A point of a surface and the unit normal there, outwards.
 pub type Faced = (Point3<f64>, Vector3<f64>);
 
@@ -23,6 +26,8 @@ pub type Faced = (Point3<f64>, Vector3<f64>);
 pub struct Body {
     surface: Surface,
     axis: Axis,
+    /// The smallest and the largest of each coordinate.
+    bounds: [Point3<f64>; 2],
     /// A marker on its roof.
     pub marker: Point3<f64>,
     /// Points all over its surface, as a scan has them.
@@ -41,7 +46,7 @@ enum Surface {
 /// The quadrangles of a car: a body up to its shoulders, a cabin with slanted sides on it.
 fn car([length, width, height]: [f64; 3]) -> Vec<[Vector3<f64>; 4]> {
     let (l, w) = (0.5 * length, 0.5 * width);
-    let (low, shoulder) = (0.18 * height, 0.6 * height);
+    let (low, shoulder) = (LOWEST_OF_HEIGHT * height, 0.6 * height);
     // Cabin: at the shoulders and at the roof.
     let (rear, front, side) = (-0.9 * l, 0.45 * l, 0.95 * w);
     let (roof_rear, roof_front, roof_side) = (-0.6 * l, 0.1 * l, 0.75 * w);
@@ -106,7 +111,9 @@ impl Body {
         let marker = Point3::new(-0.1 * size_m[0], 0.0, size_m[2]);
         let half = Point3::from(Vector3::from(size_m) * 0.5);
         let axis = Axis::of(&[half, Point3::new(-half.x, -half.y, 0.2 * size_m[2])]);
-        let mut body = Body { surface, marker, axis, scan: Vec::new() };
+        let low = Point3::new(-half.x, -half.y, LOWEST_OF_HEIGHT * size_m[2]);
+        let bounds = [low, Point3::new(half.x, half.y, size_m[2])];
+        let mut body = Body { surface, marker, axis, bounds, scan: Vec::new() };
         // Apart from the points that are tracked.
         let mut rng = stream(seed, 1, Purpose::Body, thing);
         body.scan = (0..SCAN_POINTS).map(|_| body.point(&mut rng).0).collect();
@@ -155,7 +162,27 @@ impl Body {
             }
             Surface::Triangles(all)
         };
-        Ok(Body { surface, marker, axis, scan: points })
+        let least = points.iter().fold(points[0], |a, b| a.inf(b));
+        let most = points.iter().fold(points[0], |a, b| a.sup(b));
+        Ok(Body { surface, marker, axis, bounds: [least, most], scan: points })
+    }
+
+    /// The corners of the box along its axes that holds it.
+    pub fn corners(&self) -> [Point3<f64>; 8] {
+        let [least, most] = self.bounds;
+        let side = |at: usize, axis: usize| if at >> axis & 1 == 0 { least[axis] } else { most[axis] };
+        std::array::from_fn(|at| Point3::new(side(at, 0), side(at, 1), side(at, 2)))
+    }
+
+    /// Whether the box of its lower part, or of its upper one in the middle half of its length, lies between two
+    /// places.
+    pub fn hides(&self, from: &Point3<f64>, to: &Point3<f64>) -> bool {
+        let [least, most] = self.bounds;
+        let lower = [least, Point3::new(most.x, most.y, least.z + 0.6 * (most.z - least.z))];
+        let quarter = 0.25 * (most.x - least.x);
+        let upper =
+            [Point3::new(least.x + quarter, least.y, least.z), Point3::new(most.x - quarter, most.y, most.z)];
+        [lower, upper].iter().any(|bounds| is_between(bounds, from, to))
     }
 
     /// A point of the surface, each part of it as likely as it is large; of a cloud one of its points.
@@ -184,6 +211,24 @@ impl Body {
             Surface::Points(points) => points[((which * points.len() as f64) as usize).min(points.len() - 1)],
         }
     }
+}
+
+/// Whether a box lies between two places, or around the second.
+fn is_between([least, most]: &[Point3<f64>; 2], from: &Point3<f64>, to: &Point3<f64>) -> bool {
+    let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+    for axis in 0..3 {
+        let way = to[axis] - from[axis];
+        let shares = [(least[axis] - from[axis]) / way, (most[axis] - from[axis]) / way];
+        if way == 0.0 {
+            if !(least[axis]..=most[axis]).contains(&from[axis]) {
+                return false;
+            }
+            continue;
+        }
+        enter = enter.max(shares[0].min(shares[1]));
+        leave = leave.min(shares[0].max(shares[1]));
+    }
+    enter < leave
 }
 
 /// The axis of a body: the middle half of its length, at half its width and height.

@@ -51,6 +51,7 @@ pub fn simulated_files(world: &World, video: &SimulatedVideo) -> Result<Vec<(Str
         [frame.to_string(), id, point.clone()]
     });
     files.push(("truth/outliers.csv".to_owned(), written(&["frame", "vehicle", "point"], rows)));
+    files.extend(wrong_tracks(video));
     let targets = problem.targets.iter().zip(&truth.targets);
     let rows = targets.filter_map(|(target, place)| {
         let [x, y, z]: [f64; 3] = (*place)?.coords.into();
@@ -77,6 +78,18 @@ pub fn simulated_files(world: &World, video: &SimulatedVideo) -> Result<Vec<(Str
         files.push((format!("reference/{}.xyz", vehicle.id), text.into_bytes()));
     }
     Ok(files)
+}
+
+/// The tracks that are not of their vehicle's body, where there are some.
+fn wrong_tracks(video: &SimulatedVideo) -> Option<(String, Vec<u8>)> {
+    let vehicles = video.problem.vehicles.iter().zip(&video.wrong_tracks);
+    let rows = vehicles.flat_map(|(vehicle, tracks)| {
+        let seen = vehicle.points.iter().filter_map(|point| Some((&point.id, tracks.get(&point.id)?)));
+        seen.map(|(point, kind)| [vehicle.id.as_str(), point.as_str(), kind.name()])
+    });
+    let rows: Vec<_> = rows.collect();
+    let has_some = !rows.is_empty();
+    has_some.then(|| ("truth/wrong_tracks.csv".to_owned(), written(&["vehicle", "point", "kind"], rows)))
 }
 
 /// What is true beside poses and points.

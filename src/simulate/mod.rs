@@ -18,6 +18,7 @@ pub mod scenario;
 mod vary;
 mod video;
 mod wander;
+mod wrong_tracks;
 
 use crate::estimate::Estimate;
 use crate::files::{named_text, read_grid};
@@ -30,10 +31,11 @@ pub use folder::simulated_files;
 use nalgebra::{Point3, Vector2, Vector3};
 pub use read::parse;
 use scenario::{PathSettings, Scenario, VehicleSettings};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::Path;
 pub use vary::{ABSENT, Value, vary};
 use wander::{Purpose, stream};
+pub use wrong_tracks::WrongKind;
 
 /// A scenario with everything that is of its seed.
 pub struct World {
@@ -83,8 +85,8 @@ pub struct SimulatedVideo {
     pub velocities: Vec<Vec<Vector3<f64>>>,
     /// Gross errors.
     pub gross: Vec<GrossError>,
-    /// For each vehicle the points whose tracks are, in part or whole, of something else.
-    pub wrong_tracks: Vec<BTreeSet<String>>,
+    /// For each vehicle the points whose tracks are, in part or whole, of something else, and of what.
+    pub wrong_tracks: Vec<BTreeMap<String, WrongKind>>,
     /// Positions of a receiver on each vehicle that are only to compare with.
     pub references: Vec<Vec<GnssPosition>>,
 }

@@ -17,6 +17,9 @@ use std::path::Path;
 const MOST_FRAMES: f64 = 100_000.0;
 const MOST_POINTS: f64 = 100_000.0;
 
+/// The largest share of tracks that come beside those of a body.
+const MOST_BESIDE: f64 = 0.95;
+
 /// Reads a scenario. Files that it names are beside it, in `folder`. Unknown keys are findings: a scenario with a
 /// word misspelt would be another one.
 pub fn parse(file: &str, text: &str, folder: &Path) -> Result<Scenario, Findings> {
@@ -62,6 +65,9 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         gross_px: [10.0, 60.0],
         ground_tracks: 0.0,
         swapped_tracks: 0.0,
+        static_tracks: 0.0,
+        sliding_tracks: 0.0,
+        foreign_tracks: 0.0,
         focal: 0.0,
         principal_px: 0.0,
         really: Scatter::AS_STATED,
@@ -325,6 +331,11 @@ fn errors(errors: &Section) -> ErrorSettings {
             height: factor("height"),
         }
     });
+    let beside = ["static_tracks", "sliding_tracks", "foreign_tracks"];
+    let [static_tracks, sliding_tracks, foreign_tracks] = beside.map(|key| share(errors, key));
+    if static_tracks + sliding_tracks + foreign_tracks > MOST_BESIDE {
+        errors.error("static_tracks", "with sliding_tracks and foreign_tracks at most 0.95");
+    }
     ErrorSettings {
         vehicle_px: errors.positive("vehicle_px").unwrap_or(1.0),
         target_px: errors.positive("target_px").unwrap_or(1.0),
@@ -333,6 +344,9 @@ fn errors(errors: &Section) -> ErrorSettings {
         gross_px,
         ground_tracks: share(errors, "ground_tracks"),
         swapped_tracks: share(errors, "swapped_tracks"),
+        static_tracks,
+        sliding_tracks,
+        foreign_tracks,
         focal: or("focal", 0.0),
         principal_px: or("principal_px", 0.0),
         really: really.unwrap_or(Scatter::AS_STATED),

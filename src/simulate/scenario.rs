@@ -253,6 +253,12 @@ pub struct ErrorSettings {
     pub ground_tracks: f64,
     /// Share of tracks that change places with another in the middle of their life.
     pub swapped_tracks: f64,
+    /// Share of tracks, of all, that are of the static world around a vehicle, and come beside those of its body ...
+    pub static_tracks: f64,
+    /// ... of highlights that slide over it ...
+    pub sliding_tracks: f64,
+    /// ... of another vehicle, or without one of the carrier of the camera.
+    pub foreign_tracks: f64,
     /// Of the focal length as the problem has it, relative.
     pub focal: f64,
     /// Of the principal point, per axis.

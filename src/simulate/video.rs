@@ -4,13 +4,14 @@ use super::knowledge::{KnownBody, LEAST_KNOWN_M};
 use super::path::{FINE, PlanPath};
 use super::scenario::{Course, Given, PoseSettings, Scenario, VehicleSettings};
 use super::wander::{Curve, Purpose, Times, normal, normal3, stream, values, wander, wanders};
+use super::wrong_tracks::{Moment, Surroundings, WrongKind, WrongTrack};
 use super::{Chance, GrossError, SimulatedVideo, Track, Tracked, World, no_ground};
 use crate::camera::Camera;
 use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
 use crate::problem::{
     Frame, Freedom, GroundKnowledge, Known, KnownTime, PoseSigma, Problem, ReceivedPosition, Receiver,
-    ReceiverKnowledge, Role, Shutter, Target, TargetObservation, Vehicle, VehicleObservation,
+    ReceiverKnowledge, Role, ShapePoint, Shutter, Target, TargetObservation, Vehicle, VehicleObservation,
 };
 use crate::reference::GnssPosition;
 use crate::tables::Findings;
@@ -18,7 +19,7 @@ use crate::terrain::NoGround;
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector2, Vector3};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 /// A row is found so exactly \[s\].
 const ROW_TOLERANCE_S: f64 = 1e-9;
@@ -162,7 +163,7 @@ struct Recorded {
     truth: Vec<VehicleEstimate>,
     velocities: Vec<Vec<Vector3<f64>>>,
     gross: Vec<GrossError>,
-    wrong_tracks: Vec<BTreeSet<String>>,
+    wrong_tracks: Vec<BTreeMap<String, WrongKind>>,
     references: Vec<Vec<GnssPosition>>,
     receivers: Vec<Received>,
 }
@@ -181,6 +182,9 @@ impl World {
         let mut recorded = Recorded::default();
         for (at, ride) in rides.iter().enumerate() {
             self.record_vehicle(at, ride, &errors, &cameras, &seen, &mut recorded)?;
+        }
+        if errors.on > 0.0 {
+            self.record_wrong_tracks(&errors, &cameras, &seen, &mut recorded);
         }
         let (targets, target_observations, of_targets) = self.target_sights(&errors, &seen);
         recorded.gross.extend(of_targets);
@@ -344,6 +348,80 @@ impl World {
         recorded.gross.extend(sights.gross);
         recorded.wrong_tracks.push(sights.wrong_tracks);
         Ok(())
+    }
+
+    /// Adds to each vehicle the tracks beside those of its body.
+    fn record_wrong_tracks(
+        &self,
+        errors: &Errors,
+        cameras: &[Pose],
+        seen: &Seen<'_>,
+        recorded: &mut Recorded,
+    ) {
+        for at in 0..recorded.vehicles.len() {
+            let other = (recorded.vehicles.len() > 1).then(|| (at + 1) % recorded.vehicles.len());
+            let poses = |vehicle: usize| recorded.truth[vehicle].poses.iter().flatten();
+            let moments =
+                cameras.iter().zip(poses(at)).enumerate().map(|(frame, (camera, vehicle))| Moment {
+                    camera,
+                    vehicle,
+                    other: other.and_then(|other| recorded.truth[other].poses[frame].as_ref()),
+                });
+            let around = Surroundings {
+                seed: self.seed,
+                run: errors.run,
+                vehicle: at,
+                tracks: recorded.vehicles[at].points.len(),
+                rate_hz: self.scenario.video.rate_hz,
+                errors: &self.scenario.errors,
+                body: &self.vehicles[at].body,
+                other: other.map(|other| &self.vehicles[other].body),
+                camera: &self.scenario.camera.camera,
+                terrain: &self.terrain,
+                moments: moments.collect(),
+            };
+            let tracks = around.tracks();
+            let rows = self.rows_of_wrong_tracks(errors, &around, &tracks, seen);
+            let vehicle = &mut recorded.vehicles[at];
+            let (first, sigma_px) = (vehicle.points.len(), self.scenario.errors.vehicle_px);
+            for Sight { frame, track, image_px, .. } in rows {
+                let observation = VehicleObservation { frame, point: first + track, image_px, sigma_px };
+                vehicle.observations.push(observation);
+                recorded.gross.push((frame as i64, Some(at), tracks[track].id.clone()));
+            }
+            vehicle.observations.sort_by_key(|o| (o.frame, o.point));
+            let points = tracks.iter().map(|track| ShapePoint { id: track.id.clone(), known: [None; 3] });
+            vehicle.points.extend(points);
+            let truth = &mut recorded.truth[at];
+            truth.points.resize(vehicle.points.len(), None);
+            truth.open_depth.resize(vehicle.points.len(), false);
+            recorded.wrong_tracks[at].extend(tracks.iter().map(|track| (track.id.clone(), track.kind)));
+        }
+    }
+
+    /// The image points of wrong tracks. What moves is where it is at the time of the frame.
+    fn rows_of_wrong_tracks(
+        &self,
+        errors: &Errors,
+        around: &Surroundings<'_>,
+        tracks: &[WrongTrack],
+        seen: &Seen<'_>,
+    ) -> Vec<Sight> {
+        let of = &self.scenario.errors;
+        let mut rows = Vec::new();
+        let kinds = [WrongKind::Static, WrongKind::Sliding, WrongKind::Foreign];
+        for kind in kinds {
+            let mut noise = around.noise(kind);
+            for (track, wrong) in tracks.iter().enumerate().filter(|(_, track)| track.kind == kind) {
+                for (frame, place) in &wrong.places {
+                    let off = white(&mut noise) * (of.vehicle_px * of.really.vehicle_px * errors.on);
+                    let in_world = around.in_world(*frame, place);
+                    let Some(pixel) = seen(*frame, &|_| in_world) else { continue };
+                    rows.push(Sight { frame: *frame, track, image_px: pixel + off, is_gross: true });
+                }
+            }
+        }
+        rows
     }
 
     /// What the problem says of a vehicle, but for its image points.
@@ -549,7 +627,7 @@ struct Sights {
     points: Vec<(String, Point3<f64>)>,
     observations: Vec<VehicleObservation>,
     gross: Vec<GrossError>,
-    wrong_tracks: BTreeSet<String>,
+    wrong_tracks: BTreeMap<String, WrongKind>,
 }
 
 /// A vehicle before the camera.
@@ -599,8 +677,15 @@ impl World {
         }
         observations.sort_by_key(|o| (o.frame, o.point));
         let points = order.iter().map(|at| (tracks[*at].id.clone(), tracks[*at].place)).collect();
-        let wrong = tracks.iter().zip(&fates).filter(|(_, fate)| !matches!(fate, Fate::Good));
-        let wrong_tracks = wrong.map(|(track, _)| track.id.clone()).collect();
+        let wrong = tracks.iter().zip(&fates).filter_map(|(track, fate)| {
+            let kind = match fate {
+                Fate::Good => return None,
+                Fate::Ground(_) => WrongKind::Ground,
+                Fate::Swapped(..) => WrongKind::Swapped,
+            };
+            Some((track.id.clone(), kind))
+        });
+        let wrong_tracks = wrong.collect();
         Sights { points, observations, gross, wrong_tracks }
     }
 

@@ -34,6 +34,9 @@ pub enum Purpose {
     Calibration,
     Gnss,
     Beside,
+    StaticTracks,
+    SlidingTracks,
+    ForeignTracks,
 }
 
 /// Streams of a run.

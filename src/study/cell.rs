@@ -170,7 +170,7 @@ impl Prepared {
         let mut found = in_order_of(problem, at, &video.problem, &estimate.vehicles[at]);
         // A track that is of two points has no true place.
         for (place, point) in found.points.iter_mut().zip(&vehicle.points) {
-            if video.wrong_tracks[at].contains(&point.id) {
+            if video.wrong_tracks[at].contains_key(&point.id) {
                 *place = None;
             }
         }

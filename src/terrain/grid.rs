@@ -7,9 +7,28 @@
 //! ```
 //!
 //! Along a ray `o + t d` the height above the patch is a quadratic in `t`.
+//!
+//! Beyond the border of the known ground the surface can be continued ([`super::Terrain::continued_at`]): a node
+//! without a height gets that of the plane through the known nodes near it, weighted by the fourth power of their
+//! nearness, and outside the grid the outermost patches go on. Both are continuous, and leave known ground as it is.
 
 use super::{GridFault, Ground, NoGround};
-use nalgebra::{Point3, Vector2, Vector3};
+use crate::rules::rules;
+use nalgebra::{Matrix3, Point3, Vector2, Vector3};
+
+rules! {
+    /// Ground beyond the border of a terrain grid, for the minimiser.
+    pub struct BorderRules {
+        /// So far from known ground it is continued ...
+        reach_m: f64 = 5.0, "m";
+        /// ... and over so many cells at the most: a hole is looked through node by node ...
+        most_cells: usize = 40, "cells";
+        /// ... but over this many, however large they are.
+        least_cells: usize = 2, "cells";
+    }
+}
+
+const RULES: BorderRules = BorderRules::DEFAULT;
 
 /// Heights at the nodes of a regular grid, its axes those of the world.
 #[derive(Clone, Debug, PartialEq)]
@@ -123,13 +142,74 @@ impl Grid {
         let place = self.in_steps(x_m, y_m);
         let index = self.patch_of(&place).ok_or(NoGround::OutsideGrid { x_m, y_m })?;
         let patch = self.patch(index).ok_or(NoGround::NoData { x_m, y_m })?;
+        Ok(self.ground_of(&patch, &place, index))
+    }
+
+    /// The ground of a patch at a place, given in steps.
+    fn ground_of(&self, patch: &Patch, place: &Vector2<f64>, index: [usize; 2]) -> Ground {
         let (u, v) = (place.x - index[0] as f64, place.y - index[1] as f64);
         let [step_x, step_y] = self.step_m;
-        Ok(Ground {
+        Ground {
             height_m: patch.height(u, v),
             slope: Vector2::new((patch.b + patch.e * v) / step_x, (patch.c + patch.e * u) / step_y),
             twist_per_m: patch.e / (step_x * step_y),
+        }
+    }
+
+    /// See [`super::Terrain::continued_at`].
+    pub fn continued_at(&self, x_m: f64, y_m: f64) -> Option<Ground> {
+        let place = self.in_steps(x_m, y_m);
+        // The nearest patch, however far outside the place is.
+        let index = [0, 1].map(|axis| {
+            let last = (self.size[axis] - 2) as f64;
+            place[axis].floor().clamp(0.0, last) as usize
+        });
+        let beyond = |axis: usize| {
+            let inside = place[axis].clamp(0.0, (self.size[axis] - 1) as f64);
+            (place[axis] - inside).abs()
+        };
+        // A place that is no number is beyond everything.
+        if !(0..2).all(|axis| beyond(axis) <= self.reach_cells()[axis] as f64) {
+            return None;
+        }
+        let patch = self.patch(index).or_else(|| self.continued_patch(index))?;
+        Some(self.ground_of(&patch, &place, index))
+    }
+
+    /// How far the ground is continued, in cells along x and y.
+    fn reach_cells(&self) -> [usize; 2] {
+        self.step_m.map(|step_m| {
+            ((RULES.reach_m / step_m).ceil() as usize).clamp(RULES.least_cells, RULES.most_cells)
         })
+    }
+
+    /// The patch with the heights that its nodes lack continued.
+    fn continued_patch(&self, [column, row]: [usize; 2]) -> Option<Patch> {
+        let node = |i: usize, j: usize| {
+            let known = self.heights_m[(row + j) * self.size[0] + column + i];
+            if known.is_nan() { self.continued_node([column + i, row + j]) } else { Some(known) }
+        };
+        let (a, right, up, across) = (node(0, 0)?, node(1, 0)?, node(0, 1)?, node(1, 1)?);
+        Some(Patch { a, b: right - a, c: up - a, e: (across - up) - (right - a) })
+    }
+
+    /// The height at a node of the plane through the known nodes around it: those of the first ring of cells
+    /// that has some, and of the next one.
+    fn continued_node(&self, at: [usize; 2]) -> Option<f64> {
+        let [reach_x, reach_y] = self.reach_cells();
+        let near = |axis: usize, ring: usize| {
+            at[axis].saturating_sub(ring)..=(at[axis] + ring).min(self.size[axis] - 1)
+        };
+        let known_within = |ring: usize| {
+            let (columns, rows) = (near(0, ring.min(reach_x)), near(1, ring.min(reach_y)));
+            rows.flat_map(move |row| columns.clone().map(move |column| [column, row])).filter_map(|[i, j]| {
+                let height_m = self.heights_m[j * self.size[0] + i];
+                let away = |axis: usize, node: usize| (node as f64 - at[axis] as f64) * self.step_m[axis];
+                (!height_m.is_nan()).then(|| (Vector2::new(away(0, i), away(1, j)), height_m))
+            })
+        };
+        let first = (1..=reach_x.max(reach_y)).find(|ring| known_within(*ring).next().is_some())?;
+        plane_at_origin(known_within(first + 1))
     }
 
     /// See [`super::Terrain::intersect`].
@@ -197,6 +277,26 @@ impl Grid {
             from = to;
         }
     }
+}
+
+/// The height at the origin of the plane of weighted least squares through heights at places around it; their
+/// weighted mean where the places lie on a line. `None` without any.
+fn plane_at_origin(known: impl Iterator<Item = (Vector2<f64>, f64)>) -> Option<f64> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for (away_m, height_m) in known {
+        let row = Vector3::new(1.0, away_m.x, away_m.y);
+        let weight = away_m.norm_squared().powi(-2);
+        normal += weight * row * row.transpose();
+        right += weight * height_m * row;
+    }
+    let mean = right.x / normal[(0, 0)];
+    // Scaled to a unit diagonal, so that places on a line are seen to be on one.
+    let scale = Matrix3::from_diagonal(&normal.diagonal().map(|v| 1.0 / v.max(f64::MIN_POSITIVE).sqrt()));
+    let scaled = scale * normal * scale;
+    let is_plane = scaled.determinant() > 1e-6;
+    let plane =
+        scaled.cholesky().filter(|_| is_plane).map(|factor| (scale * factor.solve(&(scale * right))).x);
+    plane.or(Some(mean)).filter(|height_m| height_m.is_finite())
 }
 
 impl Patch {
@@ -271,6 +371,62 @@ mod tests {
         let terrain = terrain([0.0, 0.0], [1.0, 1.0], [3, 2], &[0.0, 0.0, f64::NAN, 0.0, 0.0, 0.0]);
         assert!(terrain.at(0.5, 0.5).is_ok());
         assert_eq!(terrain.at(1.5, 0.5), Err(NoGround::NoData { x_m: 1.5, y_m: 0.5 }));
+    }
+
+    /// A slope of 30 x 30 cells of 0.5 m with a hole, that bends a little.
+    fn with_a_hole() -> Terrain {
+        let height = |at: usize| {
+            let (column, row) = (at % 31, at / 31);
+            let (x, y) = (0.5 * column as f64, 0.5 * row as f64);
+            let is_hole = (10..=18).contains(&column) && (12..=17).contains(&row);
+            if is_hole { f64::NAN } else { 1.0 + 0.1 * x - 0.05 * y + 0.002 * x * x }
+        };
+        terrain([0.0, 0.0], [0.5, 0.5], [31, 31], &(0..31 * 31).map(height).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn beyond_its_border_known_ground_goes_on_without_a_jump() {
+        let terrain = with_a_hole();
+        let continued = |x: f64, y: f64| terrain.continued_at(x, y).unwrap();
+        // Across the hole and out of the grid on either side.
+        let (mut before, mut holes) = (continued(-4.0, 7.3), 0);
+        for k in 1..23_000 {
+            let x = -4.0 + 1e-3 * f64::from(k);
+            let now = continued(x, 7.3);
+            // Slopes are 0.1 to 0.2.
+            assert!((now.height_m - before.height_m).abs() < 3e-4, "{x}");
+            let true_m = 1.0 + 0.1 * x - 0.05 * 7.3 + 0.002 * x * x;
+            assert!((now.height_m - true_m).abs() < 0.08, "{x}: {} {true_m}", now.height_m);
+            match terrain.at(x, 7.3) {
+                Ok(known) => assert_eq!(known, now),
+                Err(_) => holes += 1,
+            }
+            before = now;
+        }
+        assert!(holes > 10_000, "{holes}");
+        assert!(matches!(terrain.at(7.0, 7.3), Err(NoGround::NoData { .. })), "users are told so");
+    }
+
+    #[test]
+    fn continued_ground_has_the_slope_of_its_differences_and_an_end() {
+        let terrain = with_a_hole();
+        for (x, y) in [(5.2, 6.7), (7.1, 7.4), (9.3, 8.6), (-1.3, 3.2), (15.9, -2.2)] {
+            let at = |x, y| terrain.continued_at(x, y).unwrap();
+            let h = 1e-5;
+            let slope = [
+                (at(x + h, y).height_m - at(x - h, y).height_m) / (2.0 * h),
+                (at(x, y + h).height_m - at(x, y - h).height_m) / (2.0 * h),
+            ];
+            assert!((at(x, y).slope - Vector2::from(slope)).norm() < 1e-8, "{x} {y}");
+        }
+        for (x, y) in [(-5.1, 3.0), (20.2, 3.0), (3.0, f64::NAN), (f64::INFINITY, 3.0)] {
+            assert_eq!(terrain.continued_at(x, y), None, "{x} {y}");
+        }
+        // Three known nodes on a line.
+        let mut heights = [f64::NAN; 9];
+        heights[..3].copy_from_slice(&[1.0, 2.0, 3.0]);
+        let line = super::tests::terrain([0.0, 0.0], [1.0, 1.0], [3, 3], &heights);
+        assert!(line.continued_at(1.0, 1.5).unwrap().height_m.is_finite());
     }
 
     #[test]

@@ -6,8 +6,14 @@ mod grid;
 
 pub use grid::Grid;
 
+use crate::rules::Rules;
 use nalgebra::{Matrix3x2, Point3, Vector2, Vector3};
 use std::sync::Arc;
+
+/// The constants of the terrain.
+pub fn constants() -> Vec<Rules> {
+    vec![grid::BorderRules::PAGE]
+}
 
 /// A terrain model in the frame of the world, z up. A clone is cheap.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,6 +100,15 @@ impl Terrain {
                 Ok(Ground { height_m: *z_m, slope: Vector2::zeros(), twist_per_m: 0.0 })
             }
             Terrain::Grid(grid) => grid.at(x_m, y_m),
+        }
+    }
+
+    /// The same where the ground is known, and up to some metres beyond its border the ground continued from there,
+    /// without a jump: for a minimiser, whose steps must be able to cross it. `None` farther off.
+    pub fn continued_at(&self, x_m: f64, y_m: f64) -> Option<Ground> {
+        match self {
+            Terrain::Plane { .. } => self.at(x_m, y_m).ok(),
+            Terrain::Grid(grid) => grid.continued_at(x_m, y_m),
         }
     }
 

@@ -114,7 +114,7 @@ impl ResultFacts<'_> {
             text += &format!(
                 "rejected    {} by itself, {} with the track, {} with the frame; {} of {} used, {} of these with less than half the weight\n",
                 grouped(tally.of(RejectionReason::ImagePoint)),
-                grouped(tally.of(RejectionReason::Track)),
+                with_track(tally),
                 grouped(tally.of(RejectionReason::Frame)),
                 grouped(tally.used + tally.down_weighted),
                 counted(tally.all(), "image point"),
@@ -191,6 +191,20 @@ impl ResultFacts<'_> {
         }));
         rows
     }
+}
+
+/// How many image points were rejected with their tracks, and what these are of where that is known.
+fn with_track(tally: &Tally) -> String {
+    let kinds = [
+        RejectionReason::Static,
+        RejectionReason::Sliding,
+        RejectionReason::Swapped,
+        RejectionReason::Foreign,
+    ];
+    let told = |reason: &RejectionReason| format!("{} {}", grouped(tally.of(*reason), ','), reason.name());
+    let known: Vec<String> = kinds.iter().filter(|reason| tally.of(**reason) > 0).map(told).collect();
+    let all = grouped(tally.with_track(), ',');
+    if known.is_empty() { all } else { format!("{all} ({})", known.join(", ")) }
 }
 
 /// A text, or a sign where there is none.

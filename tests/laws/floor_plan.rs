@@ -16,7 +16,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
     (2, "camera", &["geometry"]),
     (2, "clock", &["stats"]),
     (2, "cloud", &["geometry", "stats"]),
-    (2, "terrain", &["geometry"]),
+    (2, "terrain", &["geometry", "rules"]),
     (3, "trajectory", &["geometry", "stats"]),
     (3, "problem", &["camera", "terrain", "geometry"]),
     (3, "reference", &["geometry", "tables"]),

@@ -11,7 +11,7 @@ use trackbundle::geometry::{Pose, align::rigid_fit, rotation::exp};
 use trackbundle::internals::files::read_problem;
 use trackbundle::internals::initialise::{Method, initialise};
 use trackbundle::internals::refine::{Adjustment, MotionPriors, NoSolution, RefineOptions};
-use trackbundle::problem::Problem;
+use trackbundle::problem::{Known, Problem};
 use trackbundle::terrain::{Grid, Terrain};
 use trackbundle_solver::loss::LossName;
 
@@ -505,6 +505,34 @@ fn a_vehicle_that_is_never_seen_is_left_out() {
     let (end, adjustment) = adjust(&problem);
     assert!(adjustment.stop.converged());
     assert_eq!(end.vehicles[1].left_out, Some(LeftOut::NeverSeen));
+}
+
+/// Two cars without starting poses, of which the second keeps so many points; where it keeps none that meet the ground,
+/// its mark is known all the same.
+fn with_a_second_car(points: usize, is_on_ground: bool) -> (Problem, Truth) {
+    let (mut problem, truth) = problem(&Drive { vehicles: 2, ..Default::default() });
+    let second = &mut problem.vehicles[1];
+    second.observations.retain(|o| o.point < points);
+    problem.vehicles.iter_mut().for_each(|vehicle| vehicle.poses.fill(None));
+    if !is_on_ground {
+        let second = &mut problem.vehicles[1];
+        second.points[0].known = [0.0, 0.0, 1.5].map(|value_m| Some(Known { value_m, sigma_m: 0.02 }));
+        // Beyond the horizon.
+        second.observations.iter_mut().for_each(|o| o.image_px = nalgebra::Vector2::new(1e9, 1e9));
+    }
+    (problem, truth)
+}
+
+#[test]
+fn a_car_that_cannot_be_found_does_not_take_the_other_with_it() {
+    for (points, is_on_ground) in [(0, true), (1, true), (2, true), (40, false)] {
+        let (problem, truth) = with_a_second_car(points, is_on_ground);
+        let (end, adjustment) = adjust(&problem);
+        assert!(end.vehicles[1].left_out.is_some(), "{points} points");
+        assert!(adjustment.stop.converged() && end.vehicles[0].left_out.is_none());
+        let error_m = track_error(&end, &problem, 0, &truth);
+        assert!(error_m < 0.03, "{points} points: {error_m}");
+    }
 }
 
 #[test]

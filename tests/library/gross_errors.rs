@@ -149,7 +149,7 @@ fn whole_tracks_are_rejected_as_such_and_get_no_coordinates() {
         assert_eq!(place.is_none(), is_gross, "{}", point.id);
     }
     let tally = end.adjustment.fits.tally;
-    assert_eq!(tally.of(RejectionReason::Track), end.gross.of_vehicles.len());
+    assert_eq!(tally.of(RejectionReason::Static), end.gross.of_vehicles.len());
     assert_eq!(tally.of(RejectionReason::ImagePoint) + tally.of(RejectionReason::Frame), 0);
 }
 

@@ -15,3 +15,4 @@ mod scene;
 mod statistics;
 #[path = "../support/mod.rs"]
 mod support;
+mod wrong_tracks;

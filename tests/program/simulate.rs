@@ -9,7 +9,7 @@ use support::score::{rows, score};
 use support::{in_package, program};
 use trackbundle::geometry::{Pose, interpolate, pose};
 use trackbundle::internals::files::read_problem;
-use trackbundle::internals::simulate::{Chance, World, read_scenario};
+use trackbundle::internals::simulate::{Chance, World, WrongKind, read_scenario, simulated_files};
 use trackbundle::internals::trajectory::Order;
 use trackbundle::problem::Problem;
 
@@ -249,6 +249,43 @@ fn errors_scatter_as_stated() {
     assert!((share - 0.2).abs() < 0.01, "{share}");
     let sigma = (survey / f64::from(surveyed)).sqrt();
     assert!((sigma / 0.02 - 1.0).abs() < 0.1, "{sigma}");
+}
+
+#[test]
+fn wrong_tracks_come_beside_those_of_the_body_and_are_told() {
+    let base = read_scenario(&scenario("crossing")).unwrap();
+    let without = World::new(base.clone(), None).unwrap().video(Chance::Run(3)).unwrap();
+    let mut scenario = base;
+    scenario.errors.static_tracks = 0.3;
+    scenario.errors.sliding_tracks = 0.1;
+    scenario.errors.foreign_tracks = 0.1;
+    let world = World::new(scenario, None).unwrap();
+    assert!(world.video(Chance::Exact).unwrap().wrong_tracks.iter().all(|tracks| tracks.is_empty()));
+    let video = world.video(Chance::Run(3)).unwrap();
+    let vehicle = &video.problem.vehicles[0];
+    let is_wrong = |point: usize| video.wrong_tracks[0].contains_key(&vehicle.points[point].id);
+    let of_body: Vec<_> = vehicle.observations.iter().filter(|o| !is_wrong(o.point)).copied().collect();
+    assert_eq!(of_body, without.problem.vehicles[0].observations);
+    let share = |kind: WrongKind| {
+        let count = video.wrong_tracks[0].values().filter(|found| **found == kind).count();
+        count as f64 / vehicle.points.len() as f64
+    };
+    for (kind, wanted) in [(WrongKind::Static, 0.3), (WrongKind::Sliding, 0.1), (WrongKind::Foreign, 0.1)] {
+        assert!((share(kind) - wanted).abs() < 0.02, "{kind:?}: {}", share(kind));
+    }
+    for point in (0..vehicle.points.len()).filter(|point| is_wrong(*point)) {
+        let frames: Vec<usize> =
+            vehicle.observations.iter().filter(|o| o.point == point).map(|o| o.frame).collect();
+        assert!((8..=60).contains(&frames.len()) && frames.windows(2).all(|two| two[1] == two[0] + 1));
+    }
+    let files = simulated_files(&world, &video).unwrap();
+    let table = files.iter().find(|(name, _)| name == "truth/wrong_tracks.csv").unwrap();
+    let text = String::from_utf8(table.1.clone()).unwrap();
+    assert_eq!(text.lines().next(), Some("vehicle,point,kind"));
+    assert_eq!(text.lines().count(), 1 + video.wrong_tracks.iter().map(|tracks| tracks.len()).sum::<usize>());
+    assert!(
+        !simulated_files(&world, &without).unwrap().iter().any(|(name, _)| name == "truth/wrong_tracks.csv")
+    );
 }
 
 #[test]

@@ -248,6 +248,15 @@ mod tests {
     }
 
     #[test]
+    fn a_point_that_is_known_and_never_seen_has_a_place_and_no_scatter() {
+        let known = [1.0, 2.0, 0.5].map(|value_m| Some(Known { value_m, sigma_m: 0.02 }));
+        let linear = LinearPoint::new(&[], &known);
+        let found = linear.solve().unwrap();
+        assert!((found - Point3::new(1.0, 2.0, 0.5)).norm() < 1e-12);
+        assert_eq!((linear.spread(&found), linear.has_heavy_tails(&found)), (1.0, false));
+    }
+
+    #[test]
     fn a_known_height_stands_in_for_a_second_frame() {
         let point = Point3::new(1.0, 0.3, 1.5);
         let height = Some(Known { value_m: 1.5, sigma_m: 0.0 });

@@ -102,9 +102,10 @@ impl From<NoMotion> for LeftOut {
 }
 
 /// Finds the poses of `vehicle` in all frames of its span, or says why they cannot be found. Poses that are
-/// given fix its frame, and are returned as they are.
+/// given fix its frame, and are returned as they are. Tracks of points that stand take no part.
 pub fn find_poses(
     vehicle: &Vehicle,
+    stands: &[bool],
     frames: &[Frame],
     camera: &Camera,
     camera_poses: &[Pose],
@@ -115,7 +116,7 @@ pub fn find_poses(
         return Err(LeftOut::NeverSeen);
     }
     let mut warnings = Vec::new();
-    let pattern = find_pattern(vehicle, frames.len(), camera, camera_poses, terrain)?;
+    let pattern = find_pattern(vehicle, stands, frames.len(), camera, camera_poses, terrain)?;
     let bodies = place_body(&pattern, &vehicle.points);
     let mut plane: Vec<Option<PlanePose>> = (0..frames.len())
         .map(|frame| Some(pattern.poses[frame]?.after(&bodies[pattern.part[frame]]?.0)))
@@ -215,6 +216,7 @@ fn first_heights(vehicle: &Vehicle) -> (f64, Vec<f64>) {
 
 fn find_pattern(
     vehicle: &Vehicle,
+    stands: &[bool],
     frames: usize,
     camera: &Camera,
     camera_poses: &[Pose],
@@ -234,7 +236,8 @@ fn find_pattern(
     let (mean_m, mut heights) = first_heights(vehicle);
     let meet = |heights: &[f64]| feet(&vehicle.observations, camera, camera_poses, heights, terrain);
     let mut met: Vec<Foot> = meet(&heights);
-    let is_left = static_tracks(&met, frames, vehicle.points.len());
+    let mut is_left = static_tracks(&met, frames, vehicle.points.len());
+    is_left.iter_mut().zip(stands).for_each(|(is_left, stands)| *is_left |= stands);
     let meet = |heights: &[f64]| -> Vec<Foot> {
         meet(heights).into_iter().filter(|foot| !is_left[foot.point]).collect()
     };

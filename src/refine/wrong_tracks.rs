@@ -1,0 +1,373 @@
+//! Tracks that are not of the body, and of what they are.
+//!
+//! * **static**: a point of the road, of the background, of the shadow of a building. Its rays meet in a static point
+//!   much better than in a point of the body, while the body moves (`initialise/static_world.rs`);
+//! * **sliding**: a highlight or a reflection that moves over the paint. It fits the camera perfectly and agrees with
+//!   other ones, but fits no point of the body as well as others do, and its residuals change slowly;
+//! * **swapped**: it goes over from one point of the body to another at some moment;
+//! * **foreign**: a point of another vehicle, or of the carrier of the camera, which stays where it is in the image
+//!   while the camera moves; whatever moves steadily and otherwise than the body.
+//!
+//! Static and sliding tracks bend a motion to themselves and then fit within the limit of gross errors. So they are
+//! looked for beside these ([`against_the_body`]); of what a track is that was found gross as a whole is said by
+//! [`kind_of`].
+
+use super::verdicts::RejectionReason;
+use crate::estimate::Estimate;
+use crate::initialise::shape::dlt::Sighting;
+use crate::initialise::static_world::{WorldTrack, distance_from_static, static_limit, static_tracks};
+use crate::initialise::{BODY_MIDDLE_M, point_from_poses, sighting, world_sighting};
+use crate::problem::Problem;
+use crate::rules::rules;
+use crate::stats::normal::median_of_norm_2;
+use crate::stats::quantile::{upper_median, value_at_share};
+use nalgebra::{Point3, Vector2, Vector3};
+
+rules! {
+    /// Tracks that are not of the body.
+    pub struct WrongTrackRules {
+        /// Fewest image points of a track that is judged by how it fits.
+        least_points: usize = 6, "image points";
+        /// A track whose image points are off by more, in the median, may be static ...
+        doubtful_factor: f64 = 1.5, "median of good image points";
+        /// ... if it fits a static point so much better: at the first estimate, and at poses that were adjusted.
+        static_share: [f64; 2] = [0.5, 0.7], "share of the distance from the body";
+        /// A body point moves that is so many times farther from static than the track.
+        moving_factor: f64 = 3.0, "factor";
+        /// This share of the image points of a track says how well it fits.
+        fitting_share: f64 = 0.7, "share of image points";
+        /// A sliding track fits so many times worse than the median track ...
+        sliding_factor: f64 = 2.0, "factor";
+        /// One that was left out comes back below this part of that limit, so that none goes in and out.
+        return_share: f64 = 0.75, "share of the limit";
+        /// ... and worse than this ...
+        sliding_sigmas: f64 = 2.0, "standard deviations of an image point";
+        /// ... and its residuals change from one frame to the next by less; those of white noise do by 2.
+        sliding_change: f64 = 1.0, "von Neumann's ratio";
+        /// What slides goes no farther over the body.
+        most_slide_m: f64 = 1.0, "m";
+        /// So many of the image points of a track, or of its part, fit what it is said to be of.
+        least_fitting_share: f64 = 0.75, "share of image points";
+        /// Fewest image points of either part of a swapped track.
+        least_part: usize = 4, "image points";
+        /// It goes over at once: so far it is with its next image points.
+        least_jump: f64 = 0.6, "share of the median distance of its other part";
+        /// Residuals that change by less from one to the next are of one cause.
+        one_cause_change: f64 = 0.5, "share of their length";
+    }
+}
+
+const RULES: WrongTrackRules = WrongTrackRules::DEFAULT;
+
+/// Residuals of the image points of a vehicle in standard deviations, where they have one.
+pub type Whitened<'a> = &'a [Option<Vector2<f64>>];
+
+/// What tracks are held against.
+#[derive(Clone, Copy)]
+pub struct Judge<'a> {
+    /// What was observed.
+    pub problem: &'a Problem,
+    /// Poses and shapes.
+    pub estimate: &'a Estimate,
+    /// An image point beyond is gross \[standard deviations\].
+    pub limit: f64,
+    /// What good image points of vehicles scatter.
+    pub spread: f64,
+    /// What image points of static points scatter, by the camera poses of the estimate.
+    pub static_scatter: f64,
+}
+
+/// For each point of a vehicle whether the first estimate says that its track is static, or stays in the image: it
+/// fits a static point, while others in its frames fit none, and the body much worse. Starting poses may be far off,
+/// but they are off for all points of a frame.
+pub fn suspected_static(
+    judge: &Judge<'_>,
+    vehicle: usize,
+    tracks: &[Vec<usize>],
+    whitened: Whitened<'_>,
+) -> Vec<Option<RejectionReason>> {
+    let observations = &judge.problem.vehicles[vehicle].observations;
+    let ray = |at: &usize| {
+        let o = &observations[*at];
+        Some((o.frame, world_sighting(judge.problem, &judge.estimate.camera_poses, o)?))
+    };
+    let rays: Vec<WorldTrack> = tracks.iter().map(|track| track.iter().filter_map(ray).collect()).collect();
+    let nearer = |(track, from_static): (&Vec<usize>, Option<f64>)| {
+        let from_body = median_length(track, whitened);
+        let is_nearer =
+            from_static.zip(from_body).is_some_and(|(away, body)| away < RULES.static_share[0] * body);
+        is_nearer.then(|| what_stands(judge, vehicle, track))
+    };
+    tracks.iter().zip(static_tracks(&rays, judge.static_scatter)).map(nearer).collect()
+}
+
+/// For each point of a vehicle, what its track proves to be of by how it fits: static or sliding. `tracks` are the
+/// indices of its image points in order of time, `is_out` says which were left out before.
+pub fn against_the_body(
+    judge: &Judge<'_>,
+    vehicle: usize,
+    tracks: &[Vec<usize>],
+    whitened: Whitened<'_>,
+    is_out: &[bool],
+) -> Vec<Option<RejectionReason>> {
+    let sliding = sliding_tracks(judge, vehicle, tracks, whitened, is_out);
+    let one = |(point, track): (usize, &Vec<usize>)| {
+        if is_static(judge, vehicle, track, whitened, is_out[point]) {
+            Some(what_stands(judge, vehicle, track))
+        } else {
+            sliding[point].then_some(RejectionReason::Sliding)
+        }
+    };
+    tracks.iter().enumerate().map(one).collect()
+}
+
+/// Of what a track is that fits a static point: what stays in the image of a camera that moves straight on is as a
+/// point at infinity.
+fn what_stands(judge: &Judge<'_>, vehicle: usize, track: &[usize]) -> RejectionReason {
+    match stays_in_the_image(judge, vehicle, track) {
+        true => RejectionReason::Foreign,
+        false => RejectionReason::Static,
+    }
+}
+
+/// Median length of the residuals of a track; infinite behind the camera.
+fn median_length(track: &[usize], whitened: Whitened<'_>) -> Option<f64> {
+    upper_median(track.iter().map(|at| whitened[*at].map_or(f64::INFINITY, |w| w.norm())).collect())
+}
+
+/// Whether a track fits a static point better than the body, where the body moves. One that was left out comes back
+/// where it fits the body better.
+fn is_static(
+    judge: &Judge<'_>,
+    vehicle: usize,
+    track: &[usize],
+    whitened: Whitened<'_>,
+    is_out: bool,
+) -> bool {
+    let doubtful = RULES.doubtful_factor * judge.spread.max(1.0) * median_of_norm_2();
+    let from_body = median_length(track, whitened).unwrap_or(0.0);
+    if track.len() < RULES.least_points || (from_body <= doubtful && !is_out) {
+        return false;
+    }
+    let rays = static_rays(judge, vehicle, track);
+    let Some(from_static) = distance_from_static(rays.iter()) else { return false };
+    let share = if is_out { 1.0 } else { RULES.static_share[1] };
+    from_static <= static_limit(judge.static_scatter)
+        && from_static < share * from_body
+        && moves(judge, vehicle, track, from_static)
+}
+
+/// The rays of a track in the world.
+fn static_rays(judge: &Judge<'_>, vehicle: usize, track: &[usize]) -> Vec<Sighting> {
+    let observations = &judge.problem.vehicles[vehicle].observations;
+    let of = |at: &usize| world_sighting(judge.problem, &judge.estimate.camera_poses, &observations[*at]);
+    track.iter().filter_map(of).collect()
+}
+
+/// Whether a point in the middle of the body is seen to move in the frames of a track.
+fn moves(judge: &Judge<'_>, vehicle: usize, track: &[usize], from_static: f64) -> bool {
+    let Judge { problem, estimate, .. } = *judge;
+    let found = &estimate.vehicles[vehicle];
+    let middle = Point3::from(BODY_MIDDLE_M.map(|(middle_m, _)| middle_m));
+    let rays = track.iter().filter_map(|at| {
+        let o = &problem.vehicles[vehicle].observations[*at];
+        let camera_from_world = estimate.camera_poses[o.frame].inverse();
+        let seen = camera_from_world * (found.poses[o.frame]? * middle);
+        let ray = (seen.z > 0.0).then(|| seen.coords.xy() / seen.z)?;
+        let sigma = o.sigma_px / problem.camera.focal_px.mean();
+        Some(Sighting { camera_from_body: camera_from_world, ray, sigma })
+    });
+    let rays: Vec<Sighting> = rays.collect();
+    let away = distance_from_static(rays.iter()).unwrap_or(0.0);
+    away > RULES.moving_factor * from_static.max(median_of_norm_2())
+}
+
+/// For each point whether its track slides: it fits much worse than others, and its residuals change slowly. What is
+/// known of a vehicle, and its marker, are painted on.
+fn sliding_tracks(
+    judge: &Judge<'_>,
+    vehicle: usize,
+    tracks: &[Vec<usize>],
+    whitened: Whitened<'_>,
+    is_out: &[bool],
+) -> Vec<bool> {
+    let of_vehicle = &judge.problem.vehicles[vehicle];
+    let residuals =
+        |track: &[usize]| -> Vec<Vector2<f64>> { track.iter().filter_map(|at| whitened[*at]).collect() };
+    let score = |track: &Vec<usize>| {
+        let lengths: Vec<f64> = residuals(track).iter().map(Vector2::norm).collect();
+        if lengths.len() < RULES.least_points { None } else { value_at_share(lengths, RULES.fitting_share) }
+    };
+    let scores: Vec<Option<f64>> = tracks.iter().map(score).collect();
+    let typical = upper_median(scores.iter().flatten().copied().collect()).unwrap_or(0.0);
+    let limit = (RULES.sliding_factor * typical).max(RULES.sliding_sigmas);
+    let slides = |(point, track): (usize, &Vec<usize>)| {
+        let is_painted =
+            of_vehicle.marker == Some(point) || of_vehicle.points[point].known.iter().any(Option::is_some);
+        let limit = limit * if is_out[point] { RULES.return_share } else { 1.0 };
+        let Some(score) = scores[point].filter(|score| *score > limit && !is_painted) else { return false };
+        change_ratio(&residuals(track), 2.0 * score) < RULES.sliding_change
+    };
+    tracks.iter().enumerate().map(slides).collect()
+}
+
+/// Mean square of the changes from one residual to the next over their own: 2 of white noise, less where they last
+/// (von Neumann 1941). Longer ones are cut to `most`.
+fn change_ratio(residuals: &[Vector2<f64>], most: f64) -> f64 {
+    let cut: Vec<Vector2<f64>> = residuals.iter().map(|r| r * (most / r.norm().max(most))).collect();
+    let own = cut.iter().map(Vector2::norm_squared).sum::<f64>() / cut.len() as f64;
+    let changes = cut.windows(2).map(|two| (two[1] - two[0]).norm_squared()).sum::<f64>();
+    changes / (cut.len().max(2) - 1) as f64 / own.max(f64::MIN_POSITIVE)
+}
+
+/// Of what a track is that the body contradicts as a whole: a named kind, or `Track` where nobody can say.
+pub fn kind_of(
+    judge: &Judge<'_>,
+    vehicle: usize,
+    point: usize,
+    track: &[usize],
+    whitened: Whitened<'_>,
+) -> RejectionReason {
+    if track.len() < RULES.least_part {
+        return RejectionReason::Track;
+    }
+    if stays_in_the_image(judge, vehicle, track) {
+        return RejectionReason::Foreign;
+    }
+    let from_body = median_length(track, whitened).unwrap_or(f64::INFINITY);
+    let from_static =
+        distance_from_static(static_rays(judge, vehicle, track).iter()).unwrap_or(f64::INFINITY);
+    if from_static <= static_limit(judge.static_scatter) && from_static < RULES.static_share[1] * from_body {
+        return RejectionReason::Static;
+    }
+    let others = (0..judge.problem.vehicles.len()).filter(|other| *other != vehicle);
+    if others.into_iter().any(|other| fits_vehicle(judge, vehicle, other, track)) {
+        return RejectionReason::Foreign;
+    }
+    own_motion(judge, vehicle, point, track, whitened)
+}
+
+/// Whether a track stays where it is in the image while what stands in the world does not.
+fn stays_in_the_image(judge: &Judge<'_>, vehicle: usize, track: &[usize]) -> bool {
+    let Judge { problem, estimate, .. } = *judge;
+    let observations = &problem.vehicles[vehicle].observations;
+    let image_px: Vec<Vector2<f64>> = track.iter().map(|at| observations[*at].image_px).collect();
+    let sigma_px = observations[track[0]].sigma_px;
+    let limit_px = static_limit(1.0) * sigma_px;
+    if median_away(&image_px) > limit_px {
+        return false;
+    }
+    let middle = observations[track[track.len() / 2]].frame;
+    let Some(pose) = &estimate.vehicles[vehicle].poses[middle] else { return false };
+    let place = Point3::from(pose.translation.vector);
+    let seen = |at: &usize| {
+        let camera = &estimate.camera_poses[observations[*at].frame];
+        problem.camera.project(&camera.inverse_transform_point(&place).coords)
+    };
+    let of_world: Vec<Vector2<f64>> = track.iter().filter_map(seen).collect();
+    median_away(&of_world) > RULES.moving_factor * limit_px
+}
+
+/// Median distance of image points from their median.
+fn median_away(image_px: &[Vector2<f64>]) -> f64 {
+    let median = |axis: usize| upper_median(image_px.iter().map(|px| px[axis]).collect()).unwrap_or(0.0);
+    let middle = Vector2::new(median(0), median(1));
+    upper_median(image_px.iter().map(|px| (px - middle).norm()).collect()).unwrap_or(0.0)
+}
+
+/// The rays of a track in the frame of a vehicle, each with its place in the track.
+fn body_rays(judge: &Judge<'_>, vehicle: usize, body: usize, track: &[usize]) -> Vec<(usize, Sighting)> {
+    let Judge { problem, estimate, .. } = *judge;
+    let of = |(at, item): (usize, &usize)| {
+        let o = &problem.vehicles[vehicle].observations[*item];
+        Some((at, sighting(problem, &estimate.camera_poses, &estimate.vehicles[body], o)?))
+    };
+    track.iter().enumerate().filter_map(of).collect()
+}
+
+/// How far some rays are from the point of a body that most of them meet \[standard deviations\]; infinite without one.
+fn away_from_body(judge: &Judge<'_>, rays: &[(usize, Sighting)]) -> Vec<f64> {
+    let own: Vec<Sighting> = rays.iter().map(|(_, ray)| *ray).collect();
+    let Some(point) = point_from_poses(&own, &[None; 3], judge.limit) else {
+        return vec![f64::INFINITY; own.len()];
+    };
+    let away = |ray: &Sighting| {
+        let seen = ray.camera_from_body * point;
+        if seen.z > 0.0 { (ray.ray - seen.coords.xy() / seen.z).norm() / ray.sigma } else { f64::INFINITY }
+    };
+    own.iter().map(away).collect()
+}
+
+/// Which of them meet in it.
+fn meeting(judge: &Judge<'_>, rays: &[(usize, Sighting)]) -> Vec<bool> {
+    away_from_body(judge, rays).iter().map(|away| *away <= judge.limit).collect()
+}
+
+fn share(flags: &[bool]) -> f64 {
+    flags.iter().filter(|flag| **flag).count() as f64 / flags.len().max(1) as f64
+}
+
+fn fits_vehicle(judge: &Judge<'_>, vehicle: usize, other: usize, track: &[usize]) -> bool {
+    if judge.estimate.vehicles[other].left_out.is_some() {
+        return false;
+    }
+    let rays = body_rays(judge, vehicle, other, track);
+    rays.len() >= RULES.least_part && share(&meeting(judge, &rays)) >= RULES.least_fitting_share
+}
+
+/// The part of a track that is of another point of the body than the rest: its image points, by their places in the
+/// track.
+pub fn swapped_part(judge: &Judge<'_>, vehicle: usize, track: &[usize]) -> Option<std::ops::Range<usize>> {
+    let rays = body_rays(judge, vehicle, vehicle, track);
+    if rays.len() < 2 * RULES.least_part || rays.len() < track.len() {
+        return None;
+    }
+    let away = away_from_body(judge, &rays);
+    let fits: Vec<bool> = away.iter().map(|away| *away <= judge.limit).collect();
+    // Where the one ends and the other begins.
+    let right = |k: usize, first: bool| {
+        fits.iter().enumerate().filter(|(at, fits)| **fits == ((*at < k) == first)).count()
+    };
+    let splits = RULES.least_part..=rays.len() - RULES.least_part;
+    let candidates = splits.flat_map(|k| [(k, true), (k, false)]);
+    let (k, first) = candidates
+        .reduce(|best, other| if right(other.0, other.1) > right(best.0, best.1) { other } else { best })?;
+    let (part, rest) = if first { (k..rays.len(), 0..k) } else { (0..k, k..rays.len()) };
+    let is_of_point = share(&fits[rest]) >= RULES.least_fitting_share;
+    let is_of_other = share(&fits[part.clone()]) <= 1.0 - RULES.least_fitting_share
+        && share(&meeting(judge, &rays[part.clone()])) >= RULES.least_fitting_share;
+    // What slides away begins near by.
+    let length = upper_median(away[part.clone()].to_vec())?;
+    let first_two = if first { k..k + 2 } else { k - 2..k };
+    let jumps = away[first_two].iter().all(|away| *away >= RULES.least_jump * length);
+    (is_of_point && is_of_other && jumps).then_some(part)
+}
+
+/// What goes its own way: over the body, or somewhere else; `Track` where its residuals are not of one cause.
+fn own_motion(
+    judge: &Judge<'_>,
+    vehicle: usize,
+    point: usize,
+    track: &[usize],
+    whitened: Whitened<'_>,
+) -> RejectionReason {
+    let residuals: Vec<Vector2<f64>> = track.iter().filter_map(|at| whitened[*at]).collect();
+    let length = upper_median(residuals.iter().map(Vector2::norm).collect()).unwrap_or(0.0);
+    let change = upper_median(residuals.windows(2).map(|two| (two[1] - two[0]).norm()).collect());
+    if residuals.len() < RULES.least_points || change.is_none_or(|c| c >= RULES.one_cause_change * length) {
+        return RejectionReason::Track;
+    }
+    let Judge { problem, estimate, .. } = *judge;
+    let found = &estimate.vehicles[vehicle];
+    let place = found.points[point].unwrap_or(Point3::origin());
+    let away_m = track.iter().filter_map(|at| {
+        let o = &problem.vehicles[vehicle].observations[*at];
+        let seen = estimate.camera_poses[o.frame].inverse_transform_point(&(found.poses[o.frame]? * place));
+        Some(whitened[*at]? * (o.sigma_px / problem.camera.focal_px.mean() * seen.z))
+    });
+    let away_m: Vec<Vector2<f64>> = away_m.collect();
+    let least = |axis: usize| away_m.iter().map(|m| m[axis]).fold(f64::INFINITY, f64::min);
+    let most = |axis: usize| away_m.iter().map(|m| m[axis]).fold(f64::NEG_INFINITY, f64::max);
+    let range = Vector3::new(most(0) - least(0), most(1) - least(1), 0.0).norm();
+    if range <= RULES.most_slide_m { RejectionReason::Sliding } else { RejectionReason::Foreign }
+}
