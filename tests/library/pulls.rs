@@ -135,6 +135,7 @@ fn the_origin_of_a_body_stays_in_its_middle() {
             / in_body.len() as f64)
             .sqrt();
         println!("wanders by {wander_m:.3} m in the body, {worst:.2} sigma off, mean {mean:.3}");
-        assert!(wander_m < 0.02 && worst < 4.0, "{wander_m} {worst}");
+        // What poses scatter from frame to frame; held by its poses alone, the origin wandered by metres.
+        assert!(wander_m < 0.04 && worst < 4.0, "{wander_m} {worst}");
     }
 }
