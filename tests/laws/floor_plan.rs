@@ -141,6 +141,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "reference",
             "problem",
             "rules",
+            "terrain",
         ],
     ),
 ];
