@@ -212,7 +212,7 @@ fn standing_tracks(problem: &Problem, vehicle: &Vehicle, camera_poses: &[Pose]) 
     }
     let surveyed: Vec<_> = problem.targets.iter().map(|target| target.surveyed()).collect();
     let found = static_world::static_tracks(&tracks, static_scatter(problem, camera_poses, &surveyed));
-    found.iter().map(Option::is_some).collect()
+    found.iter().map(|found| found.is_some_and(|standing| standing.others_move)).collect()
 }
 
 /// What image points of static points scatter by these camera poses, in their standard deviations, and at least 1:

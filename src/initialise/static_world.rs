@@ -184,10 +184,18 @@ pub fn static_limit(scatter: f64) -> f64 {
     RULES.most_scatter * scatter.max(1.0) * median_of_norm_2()
 }
 
-/// For each track that is of something that stands while what the others follow moves, how far its rays are from a
-/// static point. `scatter` is what rays to static points scatter \[standard deviations of an image point\]; frames ascend
-/// along a track.
-pub fn static_tracks(tracks: &[WorldTrack], scatter: f64) -> Vec<Option<f64>> {
+/// A track whose rays meet in a static point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// How far they are from it \[standard deviations of an image point\].
+    pub distance: f64,
+    /// Whether what other tracks follow in its frames moves.
+    pub others_move: bool,
+}
+
+/// Each track whose rays meet in a static point. `scatter` is what rays to static points scatter \[standard deviations
+/// of an image point\]; frames ascend along a track.
+pub fn static_tracks(tracks: &[WorldTrack], scatter: f64) -> Vec<Option<Standing>> {
     let distances: Vec<Option<f64>> = tracks
         .par_iter()
         .map(|track| {
@@ -196,7 +204,7 @@ pub fn static_tracks(tracks: &[WorldTrack], scatter: f64) -> Vec<Option<f64>> {
         })
         .collect();
     let limit = static_limit(scatter);
-    let distance_of_one = |at: usize| {
+    let standing = |at: usize| {
         let own = distances[at].filter(|distance| *distance <= limit)?;
         let moves = |rays: &[&Sighting]| {
             let away = distance_from_static(rays.iter().copied()).unwrap_or(0.0);
@@ -205,9 +213,9 @@ pub fn static_tracks(tracks: &[WorldTrack], scatter: f64) -> Vec<Option<f64>> {
         let others = in_the_same_frames(tracks, at);
         let moving = others.iter().filter(|rays| moves(rays)).count();
         let needed = RULES.least_moving.max((RULES.least_moving_share * others.len() as f64).ceil() as usize);
-        (moving >= needed).then_some(own)
+        Some(Standing { distance: own, others_move: moving >= needed })
     };
-    (0..tracks.len()).into_par_iter().map(distance_of_one).collect()
+    (0..tracks.len()).into_par_iter().map(standing).collect()
 }
 
 /// What other tracks have in the frames of a track: an even choice of those that have enough there.
@@ -318,26 +326,26 @@ mod tests {
         (0..all).map(one).collect()
     }
 
+    fn stands(found: &[Option<Standing>]) -> Vec<bool> {
+        found.iter().map(|found| found.is_some_and(|standing| standing.others_move)).collect()
+    }
+
     #[test]
     fn what_stands_is_told_from_what_drives_also_where_it_is_more() {
         for standing in [0, 2, 20, 30] {
             let found = static_tracks(&tracks(standing, 50, driving), 1.0);
             let wanted: Vec<bool> = (0..50).map(|at| at < standing).collect();
-            assert_eq!(
-                found.iter().map(Option::is_some).collect::<Vec<_>>(),
-                wanted,
-                "{standing} of 50 stand"
-            );
+            assert_eq!(stands(&found), wanted, "{standing} of 50 stand");
         }
     }
 
     #[test]
     fn a_vehicle_that_stands_has_no_static_tracks() {
         let found = static_tracks(&tracks(10, 50, |_| driving(20)), 1.0);
-        assert!(found.iter().all(Option::is_none));
+        assert!(!stands(&found).contains(&true));
         // Two tracks that move are not the vehicle.
         let found = static_tracks(&tracks(48, 50, driving), 1.0);
-        assert!(found.iter().all(Option::is_none));
+        assert!(!stands(&found).contains(&true));
         assert!(static_tracks(&[], 1.0).is_empty());
     }
 }

@@ -15,7 +15,9 @@
 use super::verdicts::RejectionReason;
 use crate::estimate::Estimate;
 use crate::initialise::shape::dlt::Sighting;
-use crate::initialise::static_world::{WorldTrack, distance_from_static, static_limit, static_tracks};
+use crate::initialise::static_world::{
+    Standing, WorldTrack, distance_from_static, static_limit, static_tracks,
+};
 use crate::initialise::{BODY_MIDDLE_M, point_from_poses, sighting, world_sighting};
 use crate::problem::Problem;
 use crate::rules::rules;
@@ -78,8 +80,8 @@ pub struct Judge<'a> {
 }
 
 /// For each point of a vehicle whether the first estimate says that its track is static, or stays in the image: it
-/// fits a static point, while others in its frames fit none, and the body much worse. Starting poses may be far off,
-/// but they are off for all points of a frame.
+/// fits a static point, and the body much worse, while in its frames others fit none, or the starting poses move by
+/// more than they scatter. These may be far off, but they are off for all points of a frame.
 pub fn suspected_static(
     judge: &Judge<'_>,
     vehicle: usize,
@@ -92,13 +94,16 @@ pub fn suspected_static(
         Some((o.frame, world_sighting(judge.problem, &judge.estimate.camera_poses, o)?))
     };
     let rays: Vec<WorldTrack> = tracks.iter().map(|track| track.iter().filter_map(ray).collect()).collect();
-    let nearer = |(track, from_static): (&Vec<usize>, Option<f64>)| {
-        let from_body = median_length(track, whitened);
-        let is_nearer =
-            from_static.zip(from_body).is_some_and(|(away, body)| away < RULES.static_share[0] * body);
-        is_nearer.then(|| what_stands(judge, vehicle, track))
+    // What starting poses scatter: their motion says something beyond that.
+    let from_body: Vec<Option<f64>> = tracks.iter().map(|track| median_length(track, whitened)).collect();
+    let scatter = upper_median(from_body.iter().flatten().copied().collect()).unwrap_or(0.0);
+    let what = |((track, standing), from_body): ((&Vec<usize>, Option<Standing>), &Option<f64>)| {
+        let Standing { distance, others_move } = standing?;
+        let is_nearer = from_body.is_some_and(|body| distance < RULES.static_share[0] * body);
+        let is_static = is_nearer && (others_move || moves(judge, vehicle, track, distance.max(scatter)));
+        is_static.then(|| what_stands(judge, vehicle, track))
     };
-    tracks.iter().zip(static_tracks(&rays, judge.static_scatter)).map(nearer).collect()
+    tracks.iter().zip(static_tracks(&rays, judge.static_scatter)).zip(&from_body).map(what).collect()
 }
 
 /// For each point of a vehicle, what its track proves to be of by how it fits: static or sliding. `tracks` are the
@@ -164,8 +169,9 @@ fn static_rays(judge: &Judge<'_>, vehicle: usize, track: &[usize]) -> Vec<Sighti
     track.iter().filter_map(of).collect()
 }
 
-/// Whether a point in the middle of the body is seen to move in the frames of a track.
-fn moves(judge: &Judge<'_>, vehicle: usize, track: &[usize], from_static: f64) -> bool {
+/// Whether a point in the middle of the body is seen to move in the frames of a track, by more than `scatter` standard
+/// deviations of an image point.
+fn moves(judge: &Judge<'_>, vehicle: usize, track: &[usize], scatter: f64) -> bool {
     let Judge { problem, estimate, .. } = *judge;
     let found = &estimate.vehicles[vehicle];
     let middle = Point3::from(BODY_MIDDLE_M.map(|(middle_m, _)| middle_m));
@@ -179,7 +185,7 @@ fn moves(judge: &Judge<'_>, vehicle: usize, track: &[usize], from_static: f64) -
     });
     let rays: Vec<Sighting> = rays.collect();
     let away = distance_from_static(rays.iter()).unwrap_or(0.0);
-    away > RULES.moving_factor * from_static.max(median_of_norm_2())
+    away > RULES.moving_factor * scatter.max(median_of_norm_2())
 }
 
 /// For each point whether its track slides: it fits much worse than others, and its residuals change slowly. What is
