@@ -15,6 +15,9 @@ use nalgebra::{Point3, Vector2, Vector3};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
+/// A place, and the normal of the surface there if it has one, at a time \[s\].
+type PlaceAt = dyn Fn(f64) -> (Place, Option<Vector3<f64>>);
+
 /// Of what a wrong track is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WrongKind {
@@ -151,12 +154,7 @@ impl Surroundings<'_> {
     }
 
     /// Where a thing of a kind is after a time, and which way its surface faces in the frame of its body.
-    fn path(
-        &self,
-        kind: WrongKind,
-        begin: usize,
-        rng: &mut ChaCha8Rng,
-    ) -> Box<dyn Fn(f64) -> (Place, Option<Vector3<f64>>)> {
+    fn path(&self, kind: WrongKind, begin: usize, rng: &mut ChaCha8Rng) -> Box<PlaceAt> {
         match (kind, self.other) {
             (WrongKind::Static | WrongKind::Ground, _) => {
                 let vehicle = self.moments[begin].vehicle;
