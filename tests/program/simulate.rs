@@ -271,7 +271,8 @@ fn wrong_tracks_come_beside_those_of_the_body_and_are_told() {
         count as f64 / vehicle.points.len() as f64
     };
     for (kind, wanted) in [(WrongKind::Static, 0.3), (WrongKind::Sliding, 0.1), (WrongKind::Foreign, 0.1)] {
-        assert!((share(kind) - wanted).abs() < 0.02, "{kind:?}: {}", share(kind));
+        // Of the tracks that were asked for; some points of the body have several, or are the mark.
+        assert!((share(kind) - wanted).abs() < 0.03, "{kind:?}: {}", share(kind));
     }
     for point in (0..vehicle.points.len()).filter(|point| is_wrong(*point)) {
         let frames: Vec<usize> =
