@@ -61,12 +61,17 @@ pub enum Place {
 impl Place {
     /// The place of each vehicle: its marker, or the middle of the body where that is where its origin lies.
     pub fn of_vehicles(problem: &Problem, estimate: &Estimate) -> Vec<Option<Place>> {
-        let of = |(vehicle, found): (&Vehicle, &VehicleEstimate)| match vehicle.marker {
+        let vehicles = problem.vehicles.iter().zip(&estimate.vehicles);
+        vehicles.map(|(vehicle, found)| Place::of_vehicle(vehicle, found)).collect()
+    }
+
+    /// That of one of them.
+    pub fn of_vehicle(vehicle: &Vehicle, found: &VehicleEstimate) -> Option<Place> {
+        match vehicle.marker {
             Some(marker) if found.points[marker].is_some() => Some(Place::Point(marker)),
             _ if found.left_out.is_some() || !is_in_the_middle(vehicle) => None,
             _ => found.box_sides().map(|[x, y, _]| Place::Middle([x, y])),
-        };
-        problem.vehicles.iter().zip(&estimate.vehicles).map(of).collect()
+        }
     }
 
     /// Coordinates of points that make up its own: point, axis, and weight.

@@ -104,7 +104,7 @@ impl Pulls {
     ) -> Vec<Pull> {
         let mut pulls = Vec::new();
         for scale in scales {
-            let pulled = Pulled { problem, estimate, network, functionals, precision, scale };
+            let pulled = Pulled::new(problem, estimate, network, functionals, (precision, scale));
             let of_strengths = self.of_camera.iter().chain(&self.of_vehicles[scale.vehicle]);
             let steps = [
                 (PullCause::Conventions, vec![&self.conventions]),
@@ -148,9 +148,38 @@ struct Pulled<'a> {
     functionals: &'a DMatrix<f64>,
     precision: &'a Precision,
     scale: &'a Scale,
+    /// `B` of the open directions of its frame, and each of them as a step.
+    shape: DMatrix<f64>,
+    open: Vec<DVector<f64>>,
+    /// The place whose track is wanted, where it is not the origin.
+    place: Option<DMatrix<f64>>,
 }
 
-impl Pulled<'_> {
+impl<'a> Pulled<'a> {
+    fn new(
+        problem: &'a Problem,
+        estimate: &'a Estimate,
+        network: &'a Network,
+        functionals: &'a DMatrix<f64>,
+        (precision, scale): (&'a Precision, &'a Scale),
+    ) -> Self {
+        let vehicle = scale.vehicle;
+        let frame = &network.frames[vehicle];
+        let step = |direction| frame_step(estimate, &network.model, vehicle, direction);
+        let place = Place::of_vehicle(&problem.vehicles[vehicle], &estimate.vehicles[vehicle]);
+        Pulled {
+            problem,
+            estimate,
+            network,
+            functionals,
+            precision,
+            scale,
+            shape: shape_rows(network, vehicle, frame),
+            open: frame.open.iter().map(|direction| DVector::from_vec(step(direction))).collect(),
+            place: place.and_then(|place| functional(network, vehicle, place)),
+        }
+    }
+
     /// Independent steps of one cause, taken together.
     fn by(&self, cause: PullCause, steps: &[&DVector<f64>]) -> Pull {
         let mut squares = [Vec::new(), Vec::new(), Vec::new(), Vec::new()];
@@ -171,10 +200,10 @@ impl Pulled<'_> {
         let (model, found) = (&self.network.model, &self.estimate.vehicles[vehicle]);
         let frame = &self.network.frames[vehicle];
         // A mere change of the frame of the body moves nothing.
-        let of_frame = shape_rows(self.network, vehicle, frame).tr_mul(step);
+        let of_frame = self.shape.tr_mul(step);
         let mut own = step.clone();
-        for (direction, part) in frame.open.iter().zip(of_frame.iter()) {
-            own -= DVector::from_vec(frame_step(self.estimate, model, vehicle, direction)) * *part;
+        for (direction, part) in self.open.iter().zip(of_frame.iter()) {
+            own -= direction * *part;
         }
         let part = |of: &DVector<f64>, block, at: usize| match model.system.range_of(block) {
             Some(range) => Vector3::from_fn(|k, _| of[range.start + at + k]),
@@ -183,10 +212,8 @@ impl Pulled<'_> {
         let scale = vec![ratio(self.functionals.column(vehicle).dot(step), self.scale.sigma)];
         let of_vehicle = &self.problem.vehicles[vehicle];
         let marker = of_vehicle.marker.and_then(|at| found.points[at]);
-        let place = Place::of_vehicles(self.problem, self.estimate)[vehicle];
-        let of_place = place.and_then(|place| functional(self.network, vehicle, place));
-        let of_place =
-            of_place.map_or(Vector3::zeros(), |place| (place.tr_mul(&own)).fixed_rows::<3>(0).into_owned());
+        let of_place = |place: &DMatrix<f64>| place.tr_mul(&own).fixed_rows::<3>(0).into_owned();
+        let of_place = self.place.as_ref().map_or(Vector3::zeros(), of_place);
         let mut track = Vec::new();
         let places = found.places(of_vehicle).zip(&self.precision.tracks[vehicle]);
         for ((frame, _), sigmas) in places {

@@ -118,18 +118,18 @@ impl Model {
         &self.receiver_points
     }
 
-    /// Takes almost all weight from conventions, so that they pull nothing; only the starting shape of a vehicle whose
-    /// scale nothing knows keeps it where it is.
+    /// Takes almost all weight from conventions: what they hold is then seen to be held by nothing else.
     pub fn loosen_conventions(&mut self) {
-        let conventions = self.sources.iter().filter(|(source, _)| *source == Source::Convention);
-        for group in conventions.map(|(_, group)| *group).filter(|group| *group != self.shapes) {
-            self.system.set_sigma_factor(group, UNCONVENTIONAL);
+        for (_, group) in self.sources.iter().filter(|(source, _)| *source == Source::Convention) {
+            self.system.set_sigma_factor(*group, UNCONVENTIONAL);
         }
     }
 
-    /// Takes almost all weight from starting shapes: a scale that they hold is then seen to be held by nothing else.
-    pub fn loosen_starting_shapes(&mut self) {
-        self.system.set_sigma_factor(self.shapes, UNCONVENTIONAL);
+    /// The same of all but starting shapes, which keep the scale of a vehicle where it is while nothing knows it.
+    pub fn loosen_all_but_starting_shapes(&mut self) {
+        let shapes = self.system.sigma_factor(self.shapes);
+        self.loosen_conventions();
+        self.system.set_sigma_factor(self.shapes, shapes);
     }
 
     /// Groups of image points: of vehicles, of targets.

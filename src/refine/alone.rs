@@ -65,7 +65,6 @@ pub fn alone(problem: &Problem, adjusted: &Adjusted, vehicle: usize) -> Option<(
     let mut model = Model::new(&own, &found, &found, options.network(), &selection, purpose);
     model.set_image_factors(network.model.image_factors());
     model.loosen_conventions();
-    model.loosen_starting_shapes();
     let values = model.system.start().clone();
     Some((own, found, Network { model, values, frames }))
 }

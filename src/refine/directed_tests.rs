@@ -82,7 +82,6 @@ impl Held<'_> {
         model.copy_motion(self.model);
         model.set_image_factors(self.model.image_factors());
         model.loosen_conventions();
-        model.loosen_starting_shapes();
         let (block, at) = place(&model)?;
         let row = model.system.range_of(block)?.start + at;
         let values = model.system.start().clone();

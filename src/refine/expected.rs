@@ -23,7 +23,6 @@ pub fn expected(problem: &Problem, truth: &Estimate, motion: MotionPriors) -> (N
     let values = model.values(truth);
     model.set_motion_by_truth(&values);
     model.loosen_conventions();
-    model.loosen_starting_shapes();
     let estimate = model.estimate(problem, truth, &values);
     (Network { model, values, frames }, estimate)
 }

@@ -459,7 +459,7 @@ impl<'a, 'p> Run<'a, 'p> {
         let mut model = statistical(self.problem, self.start, estimate, self.options, accepted, &frames);
         model.copy_motion(&self.model);
         // What they hold on the way must not pull at the end.
-        model.loosen_conventions();
+        model.loosen_all_but_starting_shapes();
         self.values = model.system.start().clone();
         self.minimiser = Minimiser::new(&model.system)?;
         let robust = std::mem::replace(&mut self.model, model);
@@ -473,7 +473,7 @@ impl<'a, 'p> Run<'a, 'p> {
         }
         let mut found = self.model.estimate(self.problem, self.start, &self.values);
         let mut model = std::mem::replace(&mut self.model, robust);
-        model.loosen_starting_shapes();
+        model.loosen_conventions();
         if !found.is_finite() || matches!(minimum.stop, Stop::Stalled { .. }) {
             return Ok(None);
         }

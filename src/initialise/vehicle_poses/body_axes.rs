@@ -36,8 +36,8 @@ rules! {
         least_travel_m: f64 = 1.0, "m";
         /// How far the rear axle is behind the middle of the shape.
         axle_behind_middle: f64 = 0.3, "share of the length";
-        /// Its standard deviation: the constant part, and the part that grows with its distance. Unless it is said to
-        /// be a car a body may as well turn about its middle.
+        /// Its standard deviation: the constant part, and the part that grows with its distance. A body may as
+        /// well turn about its middle.
         axle_sigma_m: [f64; 2] = [0.2, 0.8], "m, share";
         /// The widest turn in one step.
         widest_turn_rad: f64 = 0.7, "rad";
