@@ -15,7 +15,7 @@ use crate::residuals::inside_body::BODY_BOX_M;
 pub use crate::residuals::inside_body::BODY_MIDDLE_M;
 use crate::rules::{Rules, rules};
 use crate::stats::quantile::upper_median;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector2};
 use rayon::prelude::*;
 pub use resection::{NotResectable, Resection};
 use shape::dlt::{LinearPoint, Sighting};
@@ -268,11 +268,19 @@ pub fn world_sighting(
     camera_poses: &[Pose],
     observation: &VehicleObservation,
 ) -> Option<Sighting> {
-    Some(Sighting {
-        camera_from_body: camera_poses[observation.frame].inverse(),
-        ray: problem.camera.ray(&observation.image_px)?,
-        sigma: observation.sigma_px / problem.camera.focal_px.mean(),
-    })
+    let camera_from_world = camera_poses[observation.frame].inverse();
+    ray_of(problem, camera_from_world, &observation.image_px, observation.sigma_px)
+}
+
+/// The ray of an image point in the frame of a body of this pose.
+fn ray_of(
+    problem: &Problem,
+    camera_from_body: Pose,
+    image_px: &Vector2<f64>,
+    sigma_px: f64,
+) -> Option<Sighting> {
+    let sigma = sigma_px / problem.camera.focal_px.mean();
+    Some(Sighting { camera_from_body, ray: problem.camera.ray(image_px)?, sigma })
 }
 
 /// The ray of an image point in the frame of its vehicle.
@@ -282,11 +290,8 @@ pub fn sighting(
     estimate: &VehicleEstimate,
     observation: &VehicleObservation,
 ) -> Option<Sighting> {
-    Some(Sighting {
-        camera_from_body: camera_poses[observation.frame].inverse() * estimate.poses[observation.frame]?,
-        ray: problem.camera.ray(&observation.image_px)?,
-        sigma: observation.sigma_px / problem.camera.focal_px.mean(),
-    })
+    let camera_from_body = camera_poses[observation.frame].inverse() * estimate.poses[observation.frame]?;
+    ray_of(problem, camera_from_body, &observation.image_px, observation.sigma_px)
 }
 
 /// `world_from_camera` of each frame, and how those were found that were not given.
@@ -389,13 +394,7 @@ pub fn intersect_target(problem: &Problem, camera_poses: &[Pose], target: usize)
         .target_observations
         .iter()
         .filter(|o| o.target == target)
-        .filter_map(|o| {
-            Some(Sighting {
-                camera_from_body: camera_poses[o.frame].inverse(),
-                ray: problem.camera.ray(&o.image_px)?,
-                sigma: o.sigma_px / problem.camera.focal_px.mean(),
-            })
-        })
+        .filter_map(|o| ray_of(problem, camera_poses[o.frame].inverse(), &o.image_px, o.sigma_px))
         .collect();
     triangulation::triangulate(&sightings, &known).ok().map(|found| found.point)
 }
