@@ -96,57 +96,16 @@ pub fn read<R: Row>(folder: &Path, file: &str, findings: &mut Findings) -> Optio
 
 /// [`read`] of bytes.
 pub fn parse<R: Row>(bytes: &[u8], file: &str, findings: &mut Findings) -> Option<Vec<Line<R>>> {
-    let mut reader =
-        csv::ReaderBuilder::new().has_headers(false).flexible(true).trim(csv::Trim::All).from_reader(bytes);
-    let mut lines = LineCounter { bytes, counted: 0, line: 1 };
-    let mut records = Vec::new();
-    let mut record = csv::ByteRecord::new();
-    loop {
-        let begin = reader.position().byte();
-        let read = reader.read_byte_record(&mut record);
-        let line = lines.line_at(record.position().map_or(begin, |p| p.byte()));
-        let text = match read {
-            Ok(false) => break,
-            Ok(true) => csv::StringRecord::from_byte_record(record.clone()),
-            Err(error) => {
-                findings.error(Finding::of_line(file, line, "a table row", &error.to_string()));
-                break;
-            }
-        };
-        match text {
-            Ok(text) => records.push((line, text)),
-            Err(error) => findings.error(Finding::of_line(file, line, "UTF-8 text", &error.to_string())),
-        }
-    }
-    let mut records = records.into_iter();
-    let header = records.next().map(|(_, header)| header).unwrap_or_default();
-    if !header_is_right::<R>(&header, file, findings) {
-        return None;
-    }
-    let columns: Vec<Option<&Column>> =
-        header.iter().map(|name| R::COLUMNS.iter().find(|c| c.name == name)).collect();
+    let (header, records) = read_records(bytes, file, R::COLUMNS, findings)?;
     let mut rows = Vec::new();
     for (line, record) in records {
-        if record.len() != header.len() {
-            let wanted = format!("{} cells", header.len());
-            findings.error(Finding::of_line(file, line, &wanted, &record.len().to_string()));
+        let place = Place { file, line, header: &header, columns: R::COLUMNS };
+        if !place.has_all_cells(&record, findings) {
             continue;
         }
         match record.deserialize(Some(&header)) {
             Ok(row) => rows.push(Line { line, row }),
-            Err(error) => {
-                let mut named = false;
-                for (column, cell) in columns.iter().zip(&record) {
-                    let Some(column) = column else { continue };
-                    if let Err(wanted) = fits(column.kind, cell) {
-                        findings.error(Finding::of_cell(file, line, column.name, wanted, cell));
-                        named = true;
-                    }
-                }
-                if !named {
-                    findings.error(Finding::of_line(file, line, "a table row", &error.to_string()));
-                }
-            }
+            Err(error) => place.tell(&record, &error.to_string(), findings),
         }
     }
     Some(rows)
@@ -173,10 +132,89 @@ impl LineCounter<'_> {
     }
 }
 
-fn header_is_right<R: Row>(header: &csv::StringRecord, file: &str, findings: &mut Findings) -> bool {
+/// Where a record stands.
+struct Place<'a> {
+    file: &'a str,
+    line: u64,
+    header: &'a csv::StringRecord,
+    columns: &'a [Column],
+}
+
+impl Place<'_> {
+    /// Whether a record has as many cells as the header.
+    fn has_all_cells(&self, record: &csv::StringRecord, findings: &mut Findings) -> bool {
+        let right = record.len() == self.header.len();
+        if !right {
+            let wanted = format!("{} cells", self.header.len());
+            findings.error(Finding::of_line(self.file, self.line, &wanted, &record.len().to_string()));
+        }
+        right
+    }
+
+    /// Tells what is wrong with it: its cells, else what the reader says.
+    fn tell(&self, record: &csv::StringRecord, error: &str, findings: &mut Findings) {
+        let Place { file, line, header, columns } = *self;
+        let mut named = false;
+        for (name, cell) in header.iter().zip(record) {
+            let Some(column) = columns.iter().find(|column| column.name == name) else { continue };
+            if let Err(wanted) = fits(column.kind, cell) {
+                findings.error(Finding::of_cell(file, line, column.name, wanted, cell));
+                named = true;
+            }
+        }
+        if !named {
+            findings.error(Finding::of_line(file, line, "a table row", error));
+        }
+    }
+}
+
+/// The header of a table and its other records, each with its line; `None` where a column is missing. What is the
+/// same for every table stands here, so that it is compiled once.
+fn read_records(
+    bytes: &[u8],
+    file: &str,
+    columns: &[Column],
+    findings: &mut Findings,
+) -> Option<(csv::StringRecord, Vec<(u64, csv::StringRecord)>)> {
+    let mut reader =
+        csv::ReaderBuilder::new().has_headers(false).flexible(true).trim(csv::Trim::All).from_reader(bytes);
+    let mut lines = LineCounter { bytes, counted: 0, line: 1 };
+    let mut records = Vec::new();
+    let mut record = csv::ByteRecord::new();
+    loop {
+        let begin = reader.position().byte();
+        let read = reader.read_byte_record(&mut record);
+        let line = lines.line_at(record.position().map_or(begin, |p| p.byte()));
+        let text = match read {
+            Ok(false) => break,
+            Ok(true) => csv::StringRecord::from_byte_record(record.clone()),
+            Err(error) => {
+                findings.error(Finding::of_line(file, line, "a table row", &error.to_string()));
+                break;
+            }
+        };
+        match text {
+            Ok(text) => records.push((line, text)),
+            Err(error) => findings.error(Finding::of_line(file, line, "UTF-8 text", &error.to_string())),
+        }
+    }
+    let mut records = records.into_iter();
+    let header = records.next().map(|(_, header)| header).unwrap_or_default();
+    if !header_is_right(&header, file, columns, findings) {
+        return None;
+    }
+    Some((header, records.collect()))
+}
+
+fn header_is_right(
+    header: &csv::StringRecord,
+    file: &str,
+    columns: &[Column],
+    findings: &mut Findings,
+) -> bool {
     let names: Vec<&str> = header.iter().collect();
     let mut right = true;
-    for column in R::COLUMNS {
+    for column in columns {
         let count = names.iter().filter(|name| **name == column.name).count();
         if count == 0 && column.required {
             let found = if names.is_empty() { "an empty file".to_owned() } else { names.join(",") };
@@ -187,7 +225,7 @@ fn header_is_right<R: Row>(header: &csv::StringRecord, file: &str, findings: &mu
             right = false;
         }
     }
-    let known: BTreeSet<&str> = R::COLUMNS.iter().map(|c| c.name).collect();
+    let known: BTreeSet<&str> = columns.iter().map(|c| c.name).collect();
     for name in names.iter().filter(|name| !known.contains(*name)) {
         findings.warn(format!("{file}: column {name:?} is not known and was not read"));
     }

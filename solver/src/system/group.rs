@@ -1,24 +1,18 @@
 //! Measurements of one kind under one loss.
 
-use super::accumulators::{CommonLinear, Entry, Linear, Local, Moment, Part};
+use super::accumulators::{Entry, Local, Moment, Part};
 use super::layout::{BlockId, Layout, Values};
-use super::model::{Cost, Curvature};
+use super::model::Curvature;
 use crate::linear::small::{POINT, POSE};
 use crate::loss::Loss;
-use crate::manifold::MAX_TANGENT;
+use crate::manifold::{MAX_TANGENT, Manifold};
 use crate::residual::{Jacobian, Residual};
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
-use rayon::prelude::*;
 
 /// A measurement whose geometry is impossible, such as a point behind the camera, costs as much as
 /// one that is this many standard deviations off, and pulls nowhere.
 pub const IMPOSSIBLE_SIGMAS: f64 = 1e4;
-
-/// Measurements that one task works on; fixed, so that sums do not depend on the threads.
-const CHUNK: usize = 512;
-/// Tasks that sum what is common to all frames; likewise.
-const COMMON_CHUNKS: usize = 8;
 
 /// A residual, the blocks it sees, and the standard deviation of each of its rows.
 #[derive(Clone, Debug)]
@@ -54,27 +48,31 @@ impl<const ROWS: usize> Weighed<ROWS> {
     }
 }
 
-/// What the system asks of a group, whatever its kind.
+/// What the system asks of a group, whatever its kind. It is compiled for each kind of measurement, so it is
+/// little: what is done with all items of a group, and in parallel, stands once, in `whole_group`.
 pub(super) trait AnyGroup: Send + Sync {
     fn len(&self) -> usize;
     fn rows(&self) -> usize;
     fn blocks(&self, item: usize) -> &[BlockId];
-    /// First Jacobian column of each block.
-    fn column_starts(&self) -> Vec<usize>;
+    fn manifolds(&self) -> &'static [Manifold];
+    fn loss(&self) -> Loss;
     fn set_loss(&mut self, loss: Loss);
     fn set_sigma_factor(&mut self, factor: f64);
     fn sigma_factor(&self) -> f64;
-    fn cost(&self, layout: &Layout, values: &Values) -> Cost;
-    fn squared_norms(&self, layout: &Layout, values: &Values) -> Vec<Option<f64>>;
-    fn residuals(&self, layout: &Layout, values: &Values) -> Vec<Option<Vec<f64>>>;
-    fn linear(&self) -> Linear;
-    /// Adds what measurements say of the unknowns that are common to all.
-    fn add_common(&self, layout: &Layout, values: &Values, least_flatness: f64, sums: &mut CommonLinear);
-    /// Adds `J^T J` by each block alone to its sum.
-    fn add_own(&self, layout: &Layout, values: &Values, sums: &mut [DMatrix<f64>]);
-    /// `J x`, whitened and weighted, row by row.
-    fn product(&self, layout: &Layout, values: &Values, x: &[f64]) -> Vec<f64>;
-    fn linearise(&self, layout: &Layout, values: &Values, least_flatness: f64, linear: &mut Linear);
+    /// Whitened residuals of the items from `first` on, as many as `out` has room for; NaN where the geometry is
+    /// impossible.
+    fn residuals_from(&self, first: usize, layout: &Layout, values: &Values, out: &mut [f64]);
+    /// Linearises the items from `first` on, as many as there is room for. Columns of what is held are zero,
+    /// and so is all of what pulls nowhere.
+    fn linearise_from(
+        &self,
+        first: usize,
+        layout: &Layout,
+        values: &Values,
+        least_flatness: f64,
+        residuals: &mut [f64],
+        jacobians: &mut [f64],
+    );
     /// Adds image points of a body at a moment: observer, body and point are their first blocks.
     fn add_to_moment(
         &self,
@@ -106,10 +104,6 @@ pub(super) struct State<'a> {
 }
 
 impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
-    fn columns() -> usize {
-        R::MANIFOLDS.iter().map(|m| m.tangent()).sum()
-    }
-
     /// The whitened residual; the Jacobian that comes back is not whitened.
     #[inline(always)]
     fn whitened(
@@ -187,46 +181,6 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
 }
 
 impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R, ROWS, BLOCKS> {
-    fn add_one_to_common(
-        &self,
-        measurement: &Measurement<R, ROWS, BLOCKS>,
-        layout: &Layout,
-        values: &Values,
-        least_flatness: f64,
-        sums: &mut CommonLinear,
-    ) {
-        let mut jacobian = Jacobian::zeros();
-        let Some(weighed) = self.weighed(measurement, layout, values, least_flatness, &mut jacobian) else {
-            return;
-        };
-        for (block, jacobian) in measurement.blocks.iter().zip(&mut jacobian.0) {
-            for (column, free) in layout.free(*block).iter().enumerate() {
-                let whitened =
-                    if *free { weighed.column(jacobian, column) } else { SVector::<f64, ROWS>::zeros() };
-                jacobian.set_column(column, &whitened);
-            }
-        }
-        for (common, by_common) in measurement.blocks.iter().zip(&jacobian.0) {
-            let Some(at) = layout.common.start_of(common.0) else { continue };
-            for column in 0..layout.free(*common).len() {
-                let own = by_common.column(column);
-                sums.gradient[at + column] += own.dot(&weighed.residual);
-                for (block, jacobian) in measurement.blocks.iter().zip(&jacobian.0) {
-                    let width = layout.free(*block).len();
-                    if let Some(start) = layout.common.start_of(block.0) {
-                        for i in 0..width {
-                            sums.own[(start + i, at + column)] += jacobian.column(i).dot(&own);
-                        }
-                    } else if let Some(range) = layout.range_of(*block) {
-                        for i in 0..width {
-                            sums.coupling[(range.start + i, at + column)] += jacobian.column(i).dot(&own);
-                        }
-                    }
-                }
-            }
-        }
-    }
-
     #[inline(always)]
     fn append_to_leaf(
         &self,
@@ -367,6 +321,17 @@ struct AppendToLeaf<'a, R, const ROWS: usize, const BLOCKS: usize> {
     local: &'a mut Local,
 }
 
+impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AppendToLeaf<'_, R, ROWS, BLOCKS> {
+    #[inline(always)]
+    fn run(self) {
+        let AppendToLeaf { group, items, leaf, layout, values, least_flatness, local } = self;
+        for (_, item) in items {
+            let measurement = &group.measurements[*item as usize];
+            group.append_to_leaf(measurement, leaf, layout, values, least_flatness, local);
+        }
+    }
+}
+
 impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> WithSimd
     for AppendToLeaf<'_, R, ROWS, BLOCKS>
 {
@@ -374,11 +339,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> WithSimd
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for (_, item) in self.items {
-            let measurement = &self.group.measurements[*item as usize];
-            let AppendToLeaf { leaf, layout, values, least_flatness, .. } = self;
-            self.group.append_to_leaf(measurement, leaf, layout, values, least_flatness, self.local);
-        }
+        self.run();
     }
 }
 
@@ -395,15 +356,12 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         &self.measurements[item].blocks
     }
 
-    fn column_starts(&self) -> Vec<usize> {
-        R::MANIFOLDS
-            .iter()
-            .scan(0, |next, m| {
-                let start = *next;
-                *next += m.tangent();
-                Some(start)
-            })
-            .collect()
+    fn manifolds(&self) -> &'static [Manifold] {
+        &R::MANIFOLDS
+    }
+
+    fn loss(&self) -> Loss {
+        self.loss
     }
 
     fn set_loss(&mut self, loss: Loss) {
@@ -419,136 +377,32 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         self.sigma_factor
     }
 
-    fn cost(&self, layout: &Layout, values: &Values) -> Cost {
-        let parts: Vec<Cost> = self
-            .measurements
-            .par_chunks(CHUNK)
-            .map(|chunk| {
-                let mut cost = Cost::default();
-                for measurement in chunk {
-                    let squared = match self.whitened(measurement, layout, values, None) {
-                        Some(residual) => residual.norm_squared(),
-                        None => {
-                            cost.impossible += 1;
-                            IMPOSSIBLE_SIGMAS * IMPOSSIBLE_SIGMAS
-                        }
-                    };
-                    cost.value += 0.5 * self.loss.rho(squared)[0];
-                }
-                cost
-            })
-            .collect();
-        Cost {
-            value: parts.iter().map(|part| part.value).sum(),
-            impossible: parts.iter().map(|part| part.impossible).sum(),
-        }
-    }
-
-    fn squared_norms(&self, layout: &Layout, values: &Values) -> Vec<Option<f64>> {
-        self.measurements
-            .par_iter()
-            .map(|m| self.whitened(m, layout, values, None).map(|r| r.norm_squared()))
-            .collect()
-    }
-
-    fn residuals(&self, layout: &Layout, values: &Values) -> Vec<Option<Vec<f64>>> {
-        self.measurements
-            .par_iter()
-            .map(|m| self.whitened(m, layout, values, None).map(|r| r.as_slice().to_vec()))
-            .collect()
-    }
-
-    fn linear(&self) -> Linear {
-        let columns = Self::columns();
-        Linear {
-            rows: ROWS,
-            columns,
-            residuals: vec![0.0; self.len() * ROWS],
-            jacobians: vec![0.0; self.len() * ROWS * columns],
-        }
-    }
-
-    fn add_common(&self, layout: &Layout, values: &Values, least_flatness: f64, sums: &mut CommonLinear) {
-        let sees = |m: &Measurement<R, ROWS, BLOCKS>| m.blocks.iter().any(|b| layout.common.has(b.0));
-        if !self.measurements.iter().any(sees) {
-            return;
-        }
-        let parts: Vec<CommonLinear> = self
-            .measurements
-            .par_chunks(self.len().div_ceil(COMMON_CHUNKS))
-            .map(|measurements| {
-                let mut sums = CommonLinear::zeros(layout.others, layout.common.size());
-                for measurement in measurements.iter().filter(|m| sees(m)) {
-                    self.add_one_to_common(measurement, layout, values, least_flatness, &mut sums);
-                }
-                sums
-            })
-            .collect();
-        for part in parts {
-            sums.coupling += part.coupling;
-            sums.own += part.own;
-            sums.gradient += part.gradient;
-        }
-    }
-
-    fn add_own(&self, layout: &Layout, values: &Values, sums: &mut [DMatrix<f64>]) {
-        for measurement in &self.measurements {
-            let mut jacobian = Jacobian::zeros();
-            let Some(weighed) = self.weighed(measurement, layout, values, 1.0, &mut jacobian) else {
-                continue;
-            };
-            for ((block, jacobian), manifold) in measurement.blocks.iter().zip(&jacobian.0).zip(R::MANIFOLDS)
-            {
-                let n = manifold.tangent();
-                let mut columns = SMatrix::<f64, ROWS, MAX_TANGENT>::zeros();
-                for (column, _) in layout.free(*block).iter().enumerate().filter(|(_, free)| **free) {
-                    columns.set_column(column, &weighed.column(jacobian, column));
-                }
-                let square = columns.transpose() * columns;
-                sums[block.0] += square.view((0, 0), (n, n));
+    fn residuals_from(&self, first: usize, layout: &Layout, values: &Values, out: &mut [f64]) {
+        for (measurement, out) in self.measurements[first..].iter().zip(out.chunks_exact_mut(ROWS)) {
+            match self.whitened(measurement, layout, values, None) {
+                Some(residual) => out.copy_from_slice(residual.as_slice()),
+                None => out.fill(f64::NAN),
             }
         }
     }
 
-    fn product(&self, layout: &Layout, values: &Values, x: &[f64]) -> Vec<f64> {
-        let mut product = vec![0.0; self.len() * ROWS];
-        let chunks = self.measurements.par_chunks(CHUNK).zip(product.par_chunks_mut(CHUNK * ROWS));
-        chunks.for_each(|(measurements, out)| {
-            for (measurement, out) in measurements.iter().zip(out.chunks_exact_mut(ROWS)) {
-                let mut jacobian = Jacobian::zeros();
-                let Some(weighed) = self.weighed(measurement, layout, values, 1.0, &mut jacobian) else {
-                    continue;
-                };
-                let mut sum = SVector::<f64, ROWS>::zeros();
-                for (block, jacobian) in measurement.blocks.iter().zip(&jacobian.0) {
-                    let Some(range) = layout.range_of(*block) else { continue };
-                    for (column, (x, free)) in x[range].iter().zip(layout.free(*block)).enumerate() {
-                        if *free {
-                            sum += weighed.column(jacobian, column) * *x;
-                        }
-                    }
-                }
-                out.copy_from_slice(sum.as_slice());
-            }
-        });
-        product
-    }
-
-    fn linearise(&self, layout: &Layout, values: &Values, least_flatness: f64, linear: &mut Linear) {
-        let columns = linear.columns;
-        self.measurements
-            .par_chunks(CHUNK)
-            .zip(linear.residuals.par_chunks_mut(CHUNK * ROWS))
-            .zip(linear.jacobians.par_chunks_mut(CHUNK * ROWS * columns))
-            .for_each(|((measurements, residuals), jacobians)| {
-                for ((measurement, residual), jacobian) in measurements
-                    .iter()
-                    .zip(residuals.chunks_exact_mut(ROWS))
-                    .zip(jacobians.chunks_exact_mut(ROWS * columns))
-                {
-                    self.linearise_one(measurement, layout, values, least_flatness, residual, jacobian);
-                }
-            });
+    fn linearise_from(
+        &self,
+        first: usize,
+        layout: &Layout,
+        values: &Values,
+        least_flatness: f64,
+        residuals: &mut [f64],
+        jacobians: &mut [f64],
+    ) {
+        let columns: usize = R::MANIFOLDS.iter().map(|m| m.tangent()).sum();
+        for ((measurement, residual), jacobian) in self.measurements[first..]
+            .iter()
+            .zip(residuals.chunks_exact_mut(ROWS))
+            .zip(jacobians.chunks_exact_mut(ROWS * columns))
+        {
+            self.linearise_one(measurement, layout, values, least_flatness, residual, jacobian);
+        }
     }
 
     fn add_to_moment(
@@ -559,8 +413,10 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         least_flatness: f64,
         moment: &mut Moment<'_>,
     ) {
-        let work = AddToMoment { group: self, items, layout, values, least_flatness, moment };
-        Arch::new().dispatch(work);
+        // Without a third block there is no point of a body.
+        if const { BLOCKS > 2 } {
+            Arch::new().dispatch(AddToMoment { group: self, items, layout, values, least_flatness, moment });
+        }
     }
 
     fn linearise_leaf(
@@ -572,14 +428,12 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         least_flatness: f64,
         local: &mut Local,
     ) {
-        Arch::new().dispatch(AppendToLeaf {
-            group: self,
-            items,
-            leaf,
-            layout,
-            values,
-            least_flatness,
-            local,
-        });
+        let work = AppendToLeaf { group: self, items, leaf, layout, values, least_flatness, local };
+        // Image points are many; the code for each kind of machine is not worth its size for others.
+        if const { ROWS == 2 } {
+            Arch::new().dispatch(work);
+        } else {
+            work.run();
+        }
     }
 }

@@ -45,6 +45,7 @@ mod selected_frames;
 mod tests;
 mod time_steps;
 mod together;
+mod whole_group;
 
 pub use builder::SystemBuilder;
 pub use factors::Factors;
