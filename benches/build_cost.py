@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "target/build-cost"
 QUICK = ["--no-default-features", "--features", "program"]
-LINES = ["src/cli/mod.rs", "src/refine/mod.rs", "solver/src/minimise.rs"]
+LINES = ["src/cli/mod.rs", "engine/src/refine/mod.rs", "solver/src/minimise.rs"]
 
 
 def spent():

@@ -67,45 +67,30 @@ use internals::{
 #[allow(unused_imports)]
 use internals::{page, report};
 
-/// The rooms of the house, for its own tests, benchmarks and tools. Not part of the interface: anything here may
-/// change in any version.
+/// The rooms of the house, those of the engine among them, for its own tests, benchmarks and tools. Not part of the
+/// interface: anything here may change in any version.
 #[doc(hidden)]
 #[path = "."]
 pub mod internals {
+    pub use trackbundle_engine::{
+        camera, clock, cloud, diagnose, estimate, geometry, initialise, network, problem, refine, residuals,
+        rules, stats, terrain, trajectory, words,
+    };
+
     // In the order of their floors, lowest first; each may use those above it here only as far as
     // tests/laws/floor_plan.rs says.
-    pub mod geometry;
-    pub mod rules;
-    pub mod stats;
     pub mod tables;
 
-    pub mod camera;
-    pub mod clock;
-    pub mod cloud;
-    pub mod terrain;
-
-    pub mod problem;
     pub mod reference;
-    pub mod trajectory;
-
-    pub mod estimate;
-    pub mod residuals;
 
     pub mod files;
-    pub mod initialise;
-
-    pub mod network;
 
     pub mod evaluate;
-    pub mod refine;
     pub mod simulate;
-
-    pub mod diagnose;
 
     pub mod pipeline;
 
     pub mod study;
-    pub mod words;
 
     #[cfg(feature = "report")]
     pub mod report;

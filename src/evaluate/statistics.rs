@@ -124,7 +124,7 @@ pub fn half_width_at_half_maximum(values: &[f64]) -> Option<HalfWidth> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::tests::Normal;
+    use crate::stats::drawn::Normal;
 
     #[test]
     fn a_few_numbers_by_hand() {

@@ -328,7 +328,7 @@ fn chi_square(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::tests::Normal;
+    use crate::stats::drawn::Normal;
     use nalgebra::Rotation2;
 
     /// A receiver at 5 Hz that goes around a circle of 20 m at 8 m/s, its clock 1 s ahead.

@@ -8,6 +8,7 @@
 
 mod outcome;
 
+pub use crate::diagnose::NoSigmas;
 pub use outcome::{Outcome, Seconds, TrackPlace};
 
 use crate::diagnose::{Diagnosis, Verdict, diagnose_with_states};
@@ -16,9 +17,9 @@ use crate::initialise::{Initial, Method, NotResectable, initialise};
 use crate::problem::{Faults, Problem};
 use crate::refine::{Adjusted, NoSolution, ProgressSink, RefineOptions, adjust_network};
 use crate::tables::Findings;
+use std::fmt;
 use std::path::Path;
 use std::time::Instant;
-use trackbundle_solver::covariance::NoCovariance;
 
 /// What a user may choose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +53,22 @@ pub enum Error {
     NoSolution(NoSolution),
 }
 
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Error::Invalid(findings) => findings.fmt(f),
+            Error::Faulty(faults) => faults.fmt(f),
+            Error::NotComputed(missing) => {
+                write!(f, "this problem needs what this version does not compute: {}", missing.join("; "))
+            }
+            Error::NotResectable(why) => why.fmt(f),
+            Error::NoSolution(why) => why.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
 impl From<NotResectable> for Error {
     fn from(error: NotResectable) -> Self {
         Error::NotResectable(error)
@@ -62,15 +79,6 @@ impl From<NoSolution> for Error {
     fn from(error: NoSolution) -> Self {
         Error::NoSolution(error)
     }
-}
-
-/// Why there are no standard deviations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoSigmas {
-    /// There is no final least squares.
-    NoLeastSquares,
-    /// The normal equations have no inverse, or none that fits into memory.
-    NoCovariance(NoCovariance),
 }
 
 /// A problem with its first estimate.

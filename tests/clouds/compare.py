@@ -10,7 +10,7 @@ In a virtual environment:
 20,000 and 400 points against a real scan and against 20,000 random points, both directions, and the
 same shifted to UTM coordinates. Wanted: equal to 1e-12 m on the same coordinates, and the shifted distances
 to 1e-8 m of those that are not. `--golden FILE` writes the 400-point case that the tests of
-`src/cloud/index.rs` hold.
+`engine/src/cloud/index.rs` hold.
 """
 
 import pathlib

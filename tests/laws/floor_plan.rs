@@ -1,28 +1,25 @@
 //! The floor plan: which room may use which, by which door a package comes in, and no circles between files.
 //!
-//! A room is a module of `src/`, or of `solver/src/`. The plan is the data below; the tests read
+//! A room is a module of `src/`, of `engine/src/`, or of `solver/src/`. The plan is the data below; the tests read
 //! the paths that the sources name (`crate::…`, `super::…`, `self::…`).
 
 use crate::support::in_package;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Rooms of the toolkit from the lowest floor up: floor, room, and what it may use of the floors below.
-const TOOLKIT: &[(u32, &str, &[&str])] = &[
+/// Rooms of the engine from the lowest floor up: floor, room, and what it may use of the floors below.
+const ENGINE: &[(u32, &str, &[&str])] = &[
     (1, "geometry", &[]),
     (1, "rules", &[]),
     (1, "stats", &[]),
-    (1, "tables", &[]),
     (2, "camera", &["geometry"]),
     (2, "clock", &["stats"]),
     (2, "cloud", &["geometry", "stats"]),
     (2, "terrain", &["geometry", "rules"]),
     (3, "trajectory", &["geometry", "stats"]),
     (3, "problem", &["camera", "terrain", "geometry"]),
-    (3, "reference", &["geometry", "tables"]),
     (4, "residuals", &["camera", "terrain", "geometry"]),
     (4, "estimate", &["problem", "camera", "geometry", "trajectory"]),
-    (5, "files", &["tables", "camera", "terrain", "geometry", "problem", "estimate"]),
     (
         5,
         "initialise",
@@ -44,12 +41,6 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
         ],
     ),
     (7, "refine", &["network", "initialise", "estimate", "problem", "camera", "geometry", "rules", "stats"]),
-    (7, "evaluate", &["cloud", "files", "reference", "clock", "geometry", "stats", "rules"]),
-    (
-        7,
-        "simulate",
-        &["cloud", "files", "tables", "reference", "estimate", "problem", "camera", "terrain", "geometry"],
-    ),
     (
         8,
         "diagnose",
@@ -67,8 +58,21 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
             "rules",
         ],
     ),
+    (9, "words", &["diagnose", "refine", "network", "initialise", "estimate"]),
+];
+
+/// Rooms of the toolkit, which stand on those of the engine.
+const TOOLKIT: &[(u32, &str, &[&str])] = &[
+    (1, "tables", &[]),
+    (3, "reference", &["geometry", "tables"]),
+    (5, "files", &["tables", "camera", "terrain", "geometry", "problem", "estimate"]),
+    (7, "evaluate", &["cloud", "files", "reference", "clock", "geometry", "stats", "rules"]),
+    (
+        7,
+        "simulate",
+        &["cloud", "files", "tables", "reference", "estimate", "problem", "camera", "terrain", "geometry"],
+    ),
     (9, "pipeline", &["diagnose", "refine", "initialise", "files", "tables", "estimate", "problem"]),
-    (10, "words", &["pipeline", "diagnose", "refine", "network", "initialise", "estimate", "tables"]),
     (
         10,
         "study",
@@ -162,23 +166,22 @@ const SOLVER: &[(u32, &str, &[&str])] = &[
 struct House {
     sources: &'static str,
     plan: &'static [(u32, &'static str, &'static [&'static str])],
+    /// Rooms of the package that it stands on.
+    below: &'static [(u32, &'static str, &'static [&'static str])],
     doors: &'static [(&'static str, &'static [&'static str])],
 }
 
 const HOUSES: &[House] = &[
-    House { sources: "src", plan: TOOLKIT, doors: DOORS },
-    House { sources: "solver/src", plan: SOLVER, doors: SOLVER_DOORS },
+    House { sources: "src", plan: TOOLKIT, below: ENGINE, doors: DOORS },
+    House { sources: "engine/src", plan: ENGINE, below: &[], doors: ENGINE_DOORS },
+    House { sources: "solver/src", plan: SOLVER, below: &[], doors: SOLVER_DOORS },
 ];
 
 /// Rooms that draw random numbers, most of them in tests alone.
-const RANDOM: &[&str] = &["cloud", "initialise", "network", "problem", "trajectory", "reference", "simulate"];
+const RANDOM: &[&str] = &["cloud", "initialise", "network", "trajectory"];
 
 /// Packages that come in by their own doors only. Nalgebra and thiserror are at home everywhere.
 const DOORS: &[(&str, &[&str])] = &[
-    ("clarabel", &["initialise"]),
-    ("argmin", &["clock"]),
-    ("kiddo", &["cloud"]),
-    ("rstar", &["cloud"]),
     ("csv", &["tables", "report"]),
     ("serde", &["tables", "files", "reference", "report", "page"]),
     ("serde_json", &["files", "report", "page"]),
@@ -191,21 +194,34 @@ const DOORS: &[(&str, &[&str])] = &[
     ("chrono", &["reference"]),
     ("geodesy", &["reference"]),
     ("nmea", &["reference"]),
-    ("tiff", &["terrain"]),
     ("imagesize", &["files"]),
     ("ply_rs_bw", &["reference", "report"]),
     ("las", &["reference"]),
     ("laz", &["reference"]),
     ("e57", &["reference"]),
     ("pcd_rs", &["reference"]),
-    ("rayon", &["cloud", "initialise", "refine", "diagnose", "study", "cli"]),
-    ("rand", RANDOM),
-    ("rand_chacha", RANDOM),
+    ("rayon", &["study", "cli"]),
+    ("rand", &["reference", "simulate"]),
+    ("rand_chacha", &["reference", "simulate"]),
     ("clap", &["cli"]),
     ("clap_complete", &["cli"]),
     ("indicatif", &["cli"]),
+    ("trackbundle_engine", &[]),
     ("trackbundle_viz", &["scene", "cli"]),
     ("rerun", &[]),
+];
+
+/// Doors of the engine.
+const ENGINE_DOORS: &[(&str, &[&str])] = &[
+    ("clarabel", &["initialise"]),
+    ("argmin", &["clock"]),
+    ("kiddo", &["cloud"]),
+    ("rstar", &["cloud"]),
+    ("tiff", &["terrain"]),
+    ("rayon", &["cloud", "initialise", "diagnose"]),
+    ("rand", RANDOM),
+    ("rand_chacha", RANDOM),
+    ("trackbundle", &[]),
 ];
 
 /// Doors of the solver.
@@ -237,6 +253,7 @@ const TOP_LEVEL: &[&str] = &[
     "README.md",
     "benches",
     "docs",
+    "engine",
     "examples",
     "problems",
     "rustfmt.toml",
@@ -291,7 +308,8 @@ fn every_room_is_in_the_code_map() {
 #[test]
 fn the_plan_leads_downstairs_only() {
     for house in HOUSES {
-        let floors: BTreeMap<&str, u32> = house.plan.iter().map(|(floor, room, _)| (*room, *floor)).collect();
+        let rooms = house.below.iter().chain(house.plan);
+        let floors: BTreeMap<&str, u32> = rooms.map(|(floor, room, _)| (*room, *floor)).collect();
         for (floor, room, uses) in house.plan {
             for used in *uses {
                 assert!(floors[used] < *floor, "{room} on floor {floor} may not use {used}");
@@ -303,7 +321,8 @@ fn the_plan_leads_downstairs_only() {
 #[test]
 fn rooms_use_what_the_plan_lets_them_use() {
     for house in HOUSES {
-        let plan: BTreeMap<&str, &[&str]> = house.plan.iter().map(|(_, room, uses)| (*room, *uses)).collect();
+        let rooms = house.below.iter().chain(house.plan);
+        let plan: BTreeMap<&str, &[&str]> = rooms.map(|(_, room, uses)| (*room, *uses)).collect();
         let mut used = BTreeSet::new();
         for source in sources(house) {
             let Some(room) = &source.room else { continue };
@@ -355,7 +374,7 @@ const CIRCLES: &[&[&str]] = &[];
 /// A module that hands on what its own files have is no part of a circle.
 #[test]
 fn files_do_not_use_each_other_in_circles() {
-    for folder in ["src", "solver/src", "viz/src"] {
+    for folder in ["src", "engine/src", "solver/src", "viz/src"] {
         let sources = sources_in(folder);
         let files: BTreeMap<&[String], usize> =
             sources.iter().enumerate().map(|(at, source)| (source.module.as_slice(), at)).collect();
@@ -404,7 +423,7 @@ fn reached(uses: &[BTreeSet<usize>], from: usize) -> BTreeSet<usize> {
 
 #[test]
 fn what_is_seen_knows_nothing_of_adjustment() {
-    for package in ["viz", "solver"] {
+    for package in ["viz", "solver", "engine"] {
         let manifest = std::fs::read_to_string(in_package(package).join("Cargo.toml")).unwrap();
         assert!(manifest.lines().all(|line| !line.starts_with("trackbundle ") && !line.contains("\"..\"")));
         for file in rust_files(&in_package(package).join("src")) {

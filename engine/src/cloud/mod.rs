@@ -42,7 +42,7 @@ mod tests {
 
     /// A scan of a real car.
     pub fn scan() -> Vec<Point3<f64>> {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/problems/suv-exact/reference/car1.ply");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../problems/suv-exact/reference/car1.ply");
         let text = std::fs::read_to_string(path).unwrap();
         let (_, rows) = text.split_once("end_header\n").unwrap();
         let point = |row: &str| {

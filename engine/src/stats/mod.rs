@@ -6,6 +6,7 @@
 //! is the larger of the two middle ones.
 
 pub mod chi_square;
+pub mod drawn;
 pub mod normal;
 pub mod quantile;
 pub mod weighted;

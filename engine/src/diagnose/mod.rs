@@ -43,6 +43,15 @@ pub fn constants() -> Vec<Rules> {
     vec![parameters::ParameterRules::PAGE]
 }
 
+/// Why there are no standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoSigmas {
+    /// There is no final least squares.
+    NoLeastSquares,
+    /// The normal equations have no inverse, or none that fits into memory.
+    NoCovariance(NoCovariance),
+}
+
 /// What can be said of a result.
 #[derive(Clone, Debug)]
 pub struct Diagnosis {

@@ -40,6 +40,7 @@ pub struct Rules {
 ///     }
 /// }
 /// ```
+#[macro_export]
 macro_rules! rules {
     ($(#[doc = $purpose:literal])* $visibility:vis struct $name:ident {
         $($(#[doc = $meaning:literal])* $field:ident: $type:ty = $default:expr, $unit:literal;)*
@@ -76,7 +77,7 @@ macro_rules! rules {
     };
 }
 
-pub(crate) use rules;
+pub use rules;
 
 /// The tables of these constants in Markdown.
 pub fn page(all: &[Rules]) -> String {

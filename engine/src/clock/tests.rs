@@ -1,24 +1,7 @@
 use super::curve::Curve;
 use super::*;
+use crate::stats::drawn::Normal;
 use nalgebra::Point3;
-
-/// Normal numbers, by Box and Muller, from a small generator of its own.
-pub struct Normal(pub u64);
-
-impl Normal {
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn draw(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
 
 /// A place for each time \[s, m\].
 type Road = dyn Fn(f64) -> [f64; 2];

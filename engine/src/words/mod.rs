@@ -20,8 +20,8 @@ pub use result::{MotionFacts, ResultFacts};
 pub use sources::source_name;
 pub use verdict::{fact_word, verdict_lines};
 
+use crate::diagnose::NoSigmas;
 use crate::initialise::InitialWarning;
-use crate::pipeline::{Error, NoSigmas};
 use crate::refine::AdjustmentWarning;
 use std::fmt;
 
@@ -104,22 +104,6 @@ impl fmt::Display for NoSigmas {
         }
     }
 }
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Error::Invalid(findings) => findings.fmt(f),
-            Error::Faulty(faults) => faults.fmt(f),
-            Error::NotComputed(missing) => {
-                write!(f, "this problem needs what this version does not compute: {}", missing.join("; "))
-            }
-            Error::NotResectable(why) => why.fmt(f),
-            Error::NoSolution(why) => why.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for Error {}
 
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

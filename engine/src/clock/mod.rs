@@ -11,7 +11,7 @@
 pub mod curve;
 mod precision;
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;
 
 use crate::stats::quantile::median;
 use argmin::core::{CostFunction, Error, Executor};

@@ -231,7 +231,7 @@ mod tests {
     /// `tests/clouds/compare.py --golden` writes these numbers, by scipy's k-d tree.
     #[test]
     fn distances_to_a_scan_are_those_of_another_program() {
-        let golden = include_str!("../../tests/clouds/nearest_400.txt");
+        let golden = include_str!("../../../tests/clouds/nearest_400.txt");
         let place = |i: u32| {
             let i = f64::from(i);
             Point3::new(2.5 * i.sin(), (1.7 * i).cos(), 0.8 + 0.8 * (2.3 * i).sin())
