@@ -80,6 +80,21 @@ const NO_GAIN: f64 = 1e-7;
 /// Changes of the cost below this share of it are rounding.
 const ROUNDING: f64 = 1e-13;
 
+/// What is asked at the limit of iterations: by what so many of the last ones lowered the cost ...
+pub const LAST_ITERATIONS: usize = 10;
+/// ... and whether that, as a share of the cost, is worth more of them.
+const STILL_GAINS: f64 = 1e-6;
+
+/// By what the last iterations lowered the cost, as a share of it.
+fn last_decrease(records: &[IterationRecord]) -> f64 {
+    let (Some(last), Some(before)) =
+        (records.last(), records.get(records.len().saturating_sub(1 + LAST_ITERATIONS)))
+    else {
+        return 0.0;
+    };
+    (before.cost - last.cost) / last.cost.max(f64::MIN_POSITIVE)
+}
+
 /// Why the minimiser stopped, with what it measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stop {
@@ -104,6 +119,8 @@ pub enum Stop {
     Iterations {
         /// The limit.
         limit: usize,
+        /// By what the last iterations, [`LAST_ITERATIONS`] at the most, lowered the cost, as a share of it.
+        decrease: f64,
     },
     /// However strongly damped, no step lowers the cost.
     Stalled {
@@ -138,7 +155,17 @@ impl fmt::Display for Stop {
                 write!(f, "predicted relative decrease {relative:.2e} < {limit:.0e}")
             }
             Stop::ZeroGradient => f.write_str("the gradient is zero"),
-            Stop::Iterations { limit } => write!(f, "iteration limit {limit}"),
+            Stop::Iterations { limit, decrease } => {
+                write!(
+                    f,
+                    "iteration limit {limit}; the last iterations lowered the cost by {decrease:.1e} of it: "
+                )?;
+                f.write_str(if *decrease > STILL_GAINS {
+                    "more would gain"
+                } else {
+                    "more would hardly gain"
+                })
+            }
             Stop::Stalled { damping } => write!(f, "no step lowers the cost, damping {damping:.1e}"),
         }
     }
@@ -285,7 +312,10 @@ impl Minimiser {
         Minimum {
             values: state.values.expect("set at the start"),
             cost: state.cost,
-            stop: state.stop.unwrap_or(Stop::Iterations { limit: options.max_iterations }),
+            stop: state.stop.unwrap_or_else(|| Stop::Iterations {
+                limit: options.max_iterations,
+                decrease: last_decrease(&state.records),
+            }),
             records: state.records,
         }
     }
@@ -719,7 +749,12 @@ mod tests {
     #[test]
     fn a_limit_of_iterations_is_a_reason() {
         let minimum = run(&valley(), MinimiserOptions { max_iterations: 2, ..Default::default() });
-        assert_eq!(minimum.stop, Stop::Iterations { limit: 2 });
+        let Stop::Iterations { limit: 2, decrease } = minimum.stop else { panic!("{:?}", minimum.stop) };
+        let costs: Vec<f64> = minimum.records.iter().map(|record| record.cost).collect();
+        assert_eq!(decrease, (costs[0] - costs[2]) / costs[2]);
+        assert!(decrease > 0.0 && minimum.stop.to_string().ends_with("more would gain"));
+        let at_the_end = Stop::Iterations { limit: 2, decrease: 1e-9 };
+        assert!(at_the_end.to_string().ends_with("more would hardly gain"));
         assert!(!minimum.stop.converged());
         assert_eq!(minimum.records.len(), 3);
         let none = run(&valley(), MinimiserOptions { max_iterations: 0, ..Default::default() });

@@ -342,6 +342,7 @@ impl World {
             motion: None,
             axle: [0.0; 2],
             axes_sigma_rad: 0.0,
+            heading_turned: 0.0,
             left_out: None,
         });
         recorded.vehicles.push(Vehicle { observations: sights.observations, ..vehicle });

@@ -185,6 +185,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
             motion: None,
             axle: [0.0; 2],
             axes_sigma_rad: 0.0,
+            heading_turned: 0.0,
             left_out: None,
         });
         for frame in 0..frames {

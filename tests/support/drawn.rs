@@ -160,6 +160,7 @@ impl Film {
                 motion: None,
                 axle: [0.0; 2],
                 axes_sigma_rad: 0.0,
+                heading_turned: 0.0,
                 left_out: None,
             }],
             targets: targets.iter().map(Target::surveyed).collect(),

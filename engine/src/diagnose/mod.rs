@@ -73,6 +73,8 @@ pub struct Diagnosis {
     pub parameters: Vec<Parameter>,
     /// From when to when each vehicle stands \[s\].
     pub standstill: Vec<Vec<[f64; 2]>>,
+    /// For every vehicle of the problem the probability that it looks the other way.
+    pub headings_turned: Vec<f64>,
     /// What conventions and estimated strengths of motion do to each vehicle.
     pub pulls: Vec<Pull>,
     /// For each vehicle how many directions of its frame are a convention, and the standard deviations of the
@@ -103,6 +105,11 @@ pub fn diagnose_with_states(
     let image_points = vehicles.sum::<usize>() + problem.target_observations.len();
     if let Ok(found) = &mut found {
         let sigmas_m = &found.precision.targets;
+        let turned = |vehicle: &VehicleEstimate| match vehicle.left_out {
+            Some(_) => 0.0,
+            None => vehicle.heading_turned,
+        };
+        found.headings_turned = adjusted.estimate.vehicles.iter().map(turned).collect();
         found.survey_tests = survey::survey_tests(problem, &adjusted.estimate, sigmas_m, variance);
         if image_points <= MOST_EXAMINED {
             found.observability = Some(observability(problem, &adjusted.estimate));
@@ -214,6 +221,7 @@ fn of_network(
         survey_tests: Vec::new(),
         parameters,
         standstill,
+        headings_turned: Vec::new(),
         pulls,
         frames,
     })

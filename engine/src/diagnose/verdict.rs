@@ -22,6 +22,8 @@ const OTHER_SCATTER: f64 = 1.1;
 const MANY_GROSS: f64 = 0.3;
 /// A convention may move nothing by more \[standard deviations\].
 const PULLS: f64 = 0.2;
+/// Probability of a heading that is half a turn wrong that is worth a word.
+const TURNED: f64 = 0.05;
 /// A source that holds a scale: without it the standard deviation is larger by more than this factor.
 const HOLDS: f64 = 2.0;
 
@@ -117,6 +119,15 @@ pub enum VerdictReason {
         /// What it was held against.
         limit: f64,
     },
+    /// The x axis of a vehicle may point where it came from.
+    HeadingTurned {
+        /// The vehicle.
+        vehicle: String,
+        /// How probable that is.
+        probability: f64,
+        /// What it was held against.
+        limit: f64,
+    },
     /// The observations contradict what a number is held at.
     HeldNumberContradicted {
         /// The test.
@@ -138,6 +149,7 @@ impl VerdictReason {
             | VerdictReason::ManyGross { .. }
             | VerdictReason::CheckPointsDisagree { .. }
             | VerdictReason::ConventionPulls { .. }
+            | VerdictReason::HeadingTurned { .. }
             | VerdictReason::HeldNumberContradicted { .. } => Trust::WithCare,
         }
     }
@@ -249,6 +261,7 @@ impl Verdict {
         }
         verdict.add_scales(problem, diagnosis);
         verdict.add_pulls(problem, diagnosis);
+        verdict.add_headings(problem, diagnosis);
         verdict.add_precision(problem, diagnosis);
         verdict.add_variances(diagnosis);
         verdict.add_images(adjustment, diagnosis);
@@ -324,6 +337,16 @@ impl Verdict {
             if sigmas > limit {
                 let vehicle = problem.vehicles[pull.vehicle].id.clone();
                 self.find(VerdictReason::ConventionPulls { vehicle, sigmas, limit });
+            }
+        }
+    }
+
+    fn add_headings(&mut self, problem: &Problem, diagnosis: &Diagnosis) {
+        for (vehicle, probability) in problem.vehicles.iter().zip(&diagnosis.headings_turned) {
+            let (probability, limit) = (*probability, TURNED);
+            if probability > limit {
+                let vehicle = vehicle.id.clone();
+                self.find(VerdictReason::HeadingTurned { vehicle, probability, limit });
             }
         }
     }

@@ -74,6 +74,8 @@ pub struct VehicleEstimate {
     /// How well the x axis points where the body drives, where that is how it was put \[rad\]; zero where
     /// something else fixes it.
     pub axes_sigma_rad: f64,
+    /// The probability that the x axis points where the body came from; zero where something else fixes it.
+    pub heading_turned: f64,
     /// Why the vehicle is left out of the adjustment, if it is.
     pub left_out: Option<LeftOut>,
 }
@@ -141,6 +143,7 @@ impl VehicleEstimate {
             motion: None,
             axle: USUAL_AXLE,
             axes_sigma_rad: 0.0,
+            heading_turned: 0.0,
             left_out: None,
         }
     }

@@ -81,6 +81,7 @@ impl Model {
                     .find(|found| found.body == Body::Vehicle(vehicle.id.clone()))
                     .map(|found| (found.order, found.strength)),
                 axes_sigma_rad: start.axes_sigma_rad,
+                heading_turned: start.heading_turned,
                 left_out: None,
             };
             estimate.bridge_gaps(problem, vehicle);

@@ -30,7 +30,7 @@ pub fn settle(problem: &Problem, estimate: &mut Estimate, frames: &[BodyFrame]) 
             let moved = as_given(problem, vehicle, found, &frames[at]);
             turn_arms(&moved.rotation.inverse());
         } else if !is_known(vehicle) {
-            if let Some(turned) = look_where_it_drives(found) {
+            if let Some(turned) = look_where_it_drives(found, vehicle.is_car) {
                 turn_arms(&turned.inverse());
             }
             origin_in_the_middle(found, problem.ground.is_some());
@@ -77,11 +77,17 @@ fn change(found: &mut VehicleEstimate, body_from_new: &Pose) {
 }
 
 /// So that the x axis points where the body drives; the new frame in the old one, where it drives.
-fn look_where_it_drives(found: &mut VehicleEstimate) -> Option<UnitQuaternion<f64>> {
+fn look_where_it_drives(found: &mut VehicleEstimate, is_car: bool) -> Option<UnitQuaternion<f64>> {
     let points: Vec<Point3<f64>> = found.points.iter().flatten().copied().collect();
-    let (angle, sigma_rad) = heading_of_travel(&found.poses, &points)?;
-    found.axes_sigma_rad = sigma_rad;
-    let body_from_turned = UnitQuaternion::from_scaled_axis(Vector3::z() * angle);
+    let Some(travel) = heading_of_travel(&found.poses, &points, is_car) else {
+        found.heading_turned = 0.5;
+        return None;
+    };
+    found.axes_sigma_rad = travel.sigma_rad;
+    found.heading_turned = travel.turned;
+    // Half a turn puts what lay ahead of the origin behind it.
+    found.axle[0] *= travel.angle_rad.cos().signum();
+    let body_from_turned = UnitQuaternion::from_scaled_axis(Vector3::z() * travel.angle_rad);
     change(found, &Pose::from_parts(Vector3::zeros().into(), body_from_turned));
     Some(body_from_turned)
 }
@@ -149,6 +155,7 @@ mod tests {
             motion: None,
             axle: [-1.3, 0.0],
             axes_sigma_rad: 0.0,
+            heading_turned: 0.0,
             left_out: None,
         }
     }

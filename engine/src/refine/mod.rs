@@ -352,7 +352,7 @@ impl<'a, 'p> Run<'a, 'p> {
             }
             minimum = self.round("final, judged anew", decrease, usize::MAX);
         }
-        if let Stop::Iterations { limit } = &mut minimum.stop {
+        if let Stop::Iterations { limit, .. } = &mut minimum.stop {
             // Of all rounds together.
             *limit = self.options.max_iterations;
         }
@@ -480,6 +480,7 @@ impl<'a, 'p> Run<'a, 'p> {
         for ((frame, before), found) in frames.iter().zip(&estimate.vehicles).zip(&mut found.vehicles) {
             frame.restore(before, found);
             found.axes_sigma_rad = before.axes_sigma_rad;
+            found.heading_turned = before.heading_turned;
         }
         *estimate = found;
         frames::centre(self.problem, estimate);

@@ -83,7 +83,9 @@ pub use rules;
 pub fn page(all: &[Rules]) -> String {
     let mut page = String::new();
     for rules in all {
-        let module = rules.module.split_once("internals::").map_or(rules.module, |(_, module)| module);
+        // Of whichever package, as the floor plan has it.
+        let path = rules.module.split_once("::").map_or(rules.module, |(_, path)| path);
+        let module = path.strip_prefix("internals::").unwrap_or(path);
         page +=
             &format!("\n## `{}` ({})\n\n{}\n\n", rules.name, module.replace("::", "/"), plain(rules.purpose));
         page += "| constant | default | unit | what it decides |\n|---|---|---|---|\n";

@@ -38,6 +38,11 @@ impl fmt::Display for VerdictReason {
                 f,
                 "what is assumed for want of knowledge moves {vehicle} by {sigmas:.1} of its standard deviations"
             ),
+            VerdictReason::HeadingTurned { vehicle, probability, .. } => write!(
+                f,
+                "{vehicle} may look the other way (probability {}): it drove too little, or both ways, to tell front from rear",
+                percent(*probability)
+            ),
             VerdictReason::HeldNumberContradicted { test, .. } => write!(
                 f,
                 "{} is held at {}, and the observations say {} +- {}: {:.1} sigma",
@@ -86,6 +91,9 @@ impl Coded for VerdictReason {
             }
             VerdictReason::ConventionPulls { vehicle, sigmas, limit } => {
                 Code::new("convention_pulls").value(*sigmas).limit(*limit).of_vehicle(vehicle)
+            }
+            VerdictReason::HeadingTurned { vehicle, probability, limit } => {
+                Code::new("heading_turned").value(*probability).limit(*limit).of_vehicle(vehicle)
             }
             VerdictReason::HeldNumberContradicted { test, limit } => {
                 let code = Code::new("held_number_contradicted").value(test.statistic().abs()).limit(*limit);

@@ -117,7 +117,7 @@ pub fn find_poses(
     }
     let mut warnings = Vec::new();
     let pattern = find_pattern(vehicle, stands, frames.len(), camera, camera_poses, terrain)?;
-    let bodies = place_body(&pattern, &vehicle.points);
+    let bodies = place_body(&pattern, vehicle);
     let mut plane: Vec<Option<PlanePose>> = (0..frames.len())
         .map(|frame| Some(pattern.poses[frame]?.after(&bodies[pattern.part[frame]]?.0)))
         .collect();
