@@ -105,11 +105,8 @@ pub fn diagnose_with_states(
     let image_points = vehicles.sum::<usize>() + problem.target_observations.len();
     if let Ok(found) = &mut found {
         let sigmas_m = &found.precision.targets;
-        let turned = |vehicle: &VehicleEstimate| match vehicle.left_out {
-            Some(_) => 0.0,
-            None => vehicle.heading_turned,
-        };
-        found.headings_turned = adjusted.estimate.vehicles.iter().map(turned).collect();
+        let vehicles = adjusted.estimate.vehicles.iter();
+        found.headings_turned = vehicles.map(|vehicle| vehicle.heading_turned).collect();
         found.survey_tests = survey::survey_tests(problem, &adjusted.estimate, sigmas_m, variance);
         if image_points <= MOST_EXAMINED {
             found.observability = Some(observability(problem, &adjusted.estimate));

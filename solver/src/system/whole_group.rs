@@ -6,7 +6,6 @@ use super::layout::{BlockId, Layout, Values};
 use super::model::Cost;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Measurements that one task works on; fixed, so that sums do not depend on the threads.
 const CHUNK: usize = 512;
@@ -150,13 +149,12 @@ impl dyn AnyGroup + '_ {
         if !(0..count).any(|item| sees(&item)) {
             return;
         }
-        let size = count.div_ceil(COMMON_CHUNKS);
+        let (size, starts) = (count.div_ceil(COMMON_CHUNKS), self.column_starts());
         let of_chunk = |chunk: usize| {
             let mut sums = CommonLinear::zeros(layout.others, layout.common.size());
             let mut linearised = Linearised::new(self, layout, values, least_flatness);
             for item in (chunk * size..count.min((chunk + 1) * size)).filter(sees) {
-                let (residual, jacobian) = linearised.at(item);
-                add_one_to_common(self.blocks(item), layout, (residual, jacobian), &mut sums);
+                add_one_to_common(self.blocks(item), &starts, layout, linearised.at(item), &mut sums);
             }
             sums
         };
@@ -212,37 +210,29 @@ fn squared_norm(residual: &[f64]) -> Option<f64> {
     (!squared.is_nan()).then_some(squared)
 }
 
-/// Adds the weighted residual and Jacobian of one measurement.
+/// Adds the weighted residual and Jacobian of one measurement; `starts` has the first column of each block.
 fn add_one_to_common(
     blocks: &[BlockId],
+    starts: &[usize],
     layout: &Layout,
     (residual, jacobian): (&[f64], &[f64]),
     sums: &mut CommonLinear,
 ) {
     let rows = residual.len();
-    // Each block and its columns.
-    let mut first = 0;
-    let of_blocks: Vec<(BlockId, Range<usize>)> = blocks
-        .iter()
-        .map(|block| {
-            let columns = first..first + layout.free(*block).len();
-            first = columns.end;
-            (*block, columns)
-        })
-        .collect();
     let column = |at: usize| &jacobian[at * rows..][..rows];
-    for (common, by_common) in &of_blocks {
+    let columns = |block: BlockId, start: usize| (start..start + layout.free(block).len()).map(column);
+    for (common, first) in blocks.iter().zip(starts) {
         let Some(start_of_common) = layout.common.start_of(common.0) else { continue };
-        for (at, own) in (start_of_common..).zip(by_common.clone().map(column)) {
+        for (at, own) in (start_of_common..).zip(columns(*common, *first)) {
             sums.gradient[at] += dot(own, residual);
-            for (block, by_block) in &of_blocks {
+            for (block, first) in blocks.iter().zip(starts) {
                 if let Some(start) = layout.common.start_of(block.0) {
-                    for (i, by_block) in (start..).zip(by_block.clone()) {
-                        sums.own[(i, at)] += dot(column(by_block), own);
+                    for (i, by_block) in (start..).zip(columns(*block, *first)) {
+                        sums.own[(i, at)] += dot(by_block, own);
                     }
                 } else if let Some(range) = layout.range_of(*block) {
-                    for (i, by_block) in range.zip(by_block.clone()) {
-                        sums.coupling[(i, at)] += dot(column(by_block), own);
+                    for (i, by_block) in range.zip(columns(*block, *first)) {
+                        sums.coupling[(i, at)] += dot(by_block, own);
                     }
                 }
             }
