@@ -31,6 +31,9 @@ pub fn add_contacts(
     let (least_m, least_rad) = LEAST_CONTACT_SIGMA;
     let tilt = ground.tilt_sigma_rad.max(least_rad);
     let sigma = [ground.sigma_m.max(least_m), tilt, tilt];
+    // What noise of a grid adds to them.
+    let noise = ground.terrain.footing_noise();
+    let added = noise.map_or([0.0; 3], |noise| [noise.height_m, noise.slope, noise.slope]);
     let (mut first, mut next) = (Vec::new(), Vec::new());
     let mut shifts = [Vec::new(), Vec::new()];
     for (at, vehicle) in blocks.vehicles.iter().enumerate() {
@@ -47,15 +50,25 @@ pub fn add_contacts(
                     let residual = FirstContact { terrain: ground.terrain.clone() };
                     let seen = [pose, blocks.bias];
                     if sink.decides(&seen) {
+                        let sigma: [f64; CONTACT_ROWS] =
+                            std::array::from_fn(|row| sigma[row].hypot(added[row]));
                         shifts[0].push(ground.sigma_m / sigma[0]);
                         first.push(Measurement { residual, blocks: seen, sigma });
                     }
                 }
                 Some((frame_before, pose_before)) => {
+                    let moved = &current.vehicles[at].poses[frame_before];
+                    let apart_m = moved.map_or(0.0, |before| {
+                        (place.translation.vector - before.translation.vector).xy().norm()
+                    });
                     let step_s = problem.frames[frame].time_s - problem.frames[frame_before].time_s;
                     let (residual, innovation) =
                         NextContact::after(ground.terrain.clone(), step_s, ground.correlation_s);
-                    let sigma = sigma.map(|s| s * innovation);
+                    // Of the noise at both places, as far as it differs.
+                    let (c, alike) = (residual.correlation, noise.map_or(1.0, |n| n.correlation(apart_m)));
+                    let left = (1.0 + c * c - 2.0 * c * alike).sqrt();
+                    let sigma: [f64; CONTACT_ROWS] =
+                        std::array::from_fn(|row| (sigma[row] * innovation).hypot(added[row] * left));
                     let seen = [pose, pose_before, blocks.bias];
                     if sink.decides(&seen) {
                         shifts[1].push((1.0 - residual.correlation) * ground.sigma_m / sigma[0]);

@@ -15,8 +15,9 @@
 //! seconds would hold the scale five times too well.
 //!
 //! A contact is declared where the ground is known around a pose. A step of the minimiser may lead beyond its border
-//! all the same; there the ground goes on from where it is known ([`Terrain::continued_at`]), since a residual that
-//! comes and goes makes the cost jump. A pose some metres beyond has no residual.
+//! all the same; there the ground goes on from where it is known ([`Terrain::footing_at`]), since a residual that
+//! comes and goes makes the cost jump. A pose some metres beyond has no residual. Of a fine and noisy grid the surface
+//! is that of local fits ([`Terrain::footing_at`]).
 
 use crate::geometry::Pose;
 use crate::terrain::Terrain;
@@ -57,7 +58,7 @@ impl NextContact {
 /// `h` and its derivative by the pose; `None` where there is no ground.
 fn deviation(terrain: &Terrain, pose: &Pose, bias_m: f64) -> Option<(Vector3<f64>, Matrix3x6<f64>)> {
     let position = pose.translation.vector;
-    let ground = terrain.continued_at(position.x, position.y)?;
+    let ground = terrain.footing_at(position.x, position.y)?;
     let normal = pose.rotation.inverse_transform_vector(&ground.normal());
     let value = Vector3::new(position.z - ground.height_m - bias_m, normal.x, normal.y);
     let mut jacobian = Matrix3x6::zeros();

@@ -12,6 +12,7 @@
 //! without a height gets that of the plane through the known nodes near it, weighted by the fourth power of their
 //! nearness, and outside the grid the outermost patches go on. Both are continuous, and leave known ground as it is.
 
+use super::footing::{Cache, FootingNoise, Nodes};
 use super::{GridFault, Ground, NoGround};
 use crate::rules::rules;
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
@@ -42,6 +43,7 @@ pub struct Grid {
     /// By y, then x; NaN where there is no height \[m\].
     heights_m: Vec<f64>,
     highest_m: f64,
+    footing: Cache,
 }
 
 /// The surface between four nodes: its coefficients.
@@ -91,6 +93,7 @@ impl Grid {
             size,
             heights_m,
             highest_m,
+            footing: Cache::default(),
         };
         if step_m[0] < 0.0 {
             grid.heights_m.chunks_exact_mut(columns).for_each(<[f64]>::reverse);
@@ -107,6 +110,16 @@ impl Grid {
     /// How many heights along x and y.
     pub fn size(&self) -> [usize; 2] {
         self.size
+    }
+
+    /// From one node to the next along x and y \[m\].
+    pub fn step_m(&self) -> [f64; 2] {
+        self.step_m
+    }
+
+    /// Its nodes.
+    fn nodes(&self) -> Nodes<'_> {
+        Nodes { heights_m: &self.heights_m, size: self.size, step_m: self.step_m }
     }
 
     /// Place of the first and of the last node \[m\].
@@ -158,6 +171,32 @@ impl Grid {
 
     /// See [`super::Terrain::continued_at`].
     pub fn continued_at(&self, x_m: f64, y_m: f64) -> Option<Ground> {
+        self.beyond_border(x_m, y_m, |index| self.patch(index).or_else(|| self.continued_patch(index)))
+    }
+
+    /// See [`super::Terrain::footing_at`].
+    pub fn footing_at(&self, x_m: f64, y_m: f64) -> Option<Ground> {
+        let Some(footing) = self.footing.of(&self.nodes()) else { return self.continued_at(x_m, y_m) };
+        let node = |at: [usize; 2]| footing.node(&self.nodes(), at).or_else(|| self.continued_node(at));
+        self.beyond_border(x_m, y_m, |[column, row]| {
+            let node = |i: usize, j: usize| node([column + i, row + j]);
+            let (a, right, up, across) = (node(0, 0)?, node(1, 0)?, node(0, 1)?, node(1, 1)?);
+            Some(Patch { a, b: right - a, c: up - a, e: (across - up) - (right - a) })
+        })
+    }
+
+    /// See [`super::Terrain::footing_noise`].
+    pub fn footing_noise(&self) -> Option<FootingNoise> {
+        self.footing.of(&self.nodes()).map(|footing| footing.noise)
+    }
+
+    /// The ground of the patch at a place, or of the outermost one near it.
+    fn beyond_border(
+        &self,
+        x_m: f64,
+        y_m: f64,
+        patch: impl Fn([usize; 2]) -> Option<Patch>,
+    ) -> Option<Ground> {
         let place = self.in_steps(x_m, y_m);
         // The nearest patch, however far outside the place is.
         let index = [0, 1].map(|axis| {
@@ -172,8 +211,7 @@ impl Grid {
         if !(0..2).all(|axis| beyond(axis) <= self.reach_cells()[axis] as f64) {
             return None;
         }
-        let patch = self.patch(index).or_else(|| self.continued_patch(index))?;
-        Some(self.ground_of(&patch, &place, index))
+        Some(self.ground_of(&patch(index)?, &place, index))
     }
 
     /// How far the ground is continued, in cells along x and y.

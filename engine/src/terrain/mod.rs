@@ -1,9 +1,11 @@
 //! The ground: heights and slopes, of a level plane or of a grid of heights.
 
 mod esri;
+mod footing;
 mod geotiff;
 mod grid;
 
+pub use footing::FootingNoise;
 pub use grid::Grid;
 
 use crate::rules::Rules;
@@ -12,7 +14,7 @@ use std::sync::Arc;
 
 /// The constants of the terrain.
 pub fn constants() -> Vec<Rules> {
-    vec![grid::BorderRules::PAGE]
+    vec![grid::BorderRules::PAGE, footing::FootingRules::PAGE]
 }
 
 /// A terrain model in the frame of the world, z up. A clone is cheap.
@@ -109,6 +111,23 @@ impl Terrain {
         match self {
             Terrain::Plane { .. } => self.at(x_m, y_m).ok(),
             Terrain::Grid(grid) => grid.continued_at(x_m, y_m),
+        }
+    }
+
+    /// The ground that bears a vehicle: as [`Terrain::continued_at`], and where a grid is fine and noisy, that of local
+    /// fits to it, whose noise is [`Terrain::footing_noise`].
+    pub fn footing_at(&self, x_m: f64, y_m: f64) -> Option<Ground> {
+        match self {
+            Terrain::Plane { .. } => self.at(x_m, y_m).ok(),
+            Terrain::Grid(grid) => grid.footing_at(x_m, y_m),
+        }
+    }
+
+    /// What noise is left in [`Terrain::footing_at`]; `None` where it is the terrain as it came.
+    pub fn footing_noise(&self) -> Option<FootingNoise> {
+        match self {
+            Terrain::Plane { .. } => None,
+            Terrain::Grid(grid) => grid.footing_noise(),
         }
     }
 
