@@ -74,7 +74,8 @@ impl Pulls {
         let size = network.model.system.size();
         let mut gradient = DVector::zeros(size);
         for group in network.model.groups_of(Source::Convention) {
-            gradient += gradient_of(network, covariance, group);
+            // By what they weighed at the minimum.
+            gradient += gradient_of(network, covariance, group) * network.model.weight_before(group);
         }
         let conventions = times(covariance, gradient);
         let estimated = network.model.motion.estimated_groups();
@@ -115,6 +116,9 @@ impl Pulls {
         pulls
     }
 }
+
+/// Of a coordinate of a point that is worth a word \[m\].
+const MOST_SIGMA_M: f64 = 1.0;
 
 /// A strength is not known worse than this redundancy says.
 const LEAST_REDUNDANCY: f64 = 0.5;
@@ -229,8 +233,10 @@ impl<'a> Pulled<'a> {
         }
         let points = frame.points.iter().filter_map(|(at, _)| {
             let (block, sigmas) = (model.shape_point(vehicle, *at)?, self.precision.points[vehicle][*at]?);
+            // A point that is known no better than a body is large is where a body is.
+            let is_known = sigmas.iter().all(|sigma| *sigma < MOST_SIGMA_M);
             let moved = part(&own, block, 0);
-            Some([0, 1, 2].map(|axis| ratio(moved[axis], sigmas[axis])))
+            is_known.then(|| [0, 1, 2].map(|axis| ratio(moved[axis], sigmas[axis])))
         });
         let cameras = self.precision.cameras.iter().enumerate().filter_map(|(frame, sigmas)| {
             let moved = part(step, model.camera(frame), 0);

@@ -64,8 +64,8 @@ pub struct VehicleEstimate {
     pub poses: Vec<Option<Pose>>,
     /// Position of each point in the vehicle frame; `None` where it is not determined.
     pub points: Vec<Option<Point3<f64>>>,
-    /// Whether the rays to a point leave its depth open.
-    pub open_depth: Vec<bool>,
+    /// What its rays say of the depth of each point.
+    pub depths: Vec<Depth>,
     /// How it moves between poses, where that was part of the adjustment.
     pub motion: Option<(Order, Strengths)>,
     /// Place of the rear axle along the body's x axis \[m\], and the direction in which it rolls,
@@ -78,6 +78,17 @@ pub struct VehicleEstimate {
     pub heading_turned: f64,
     /// Why the vehicle is left out of the adjustment, if it is.
     pub left_out: Option<LeftOut>,
+}
+
+/// What rays say of the depth of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Where it is.
+    Known,
+    /// Something, less than that it is on the body.
+    Weak,
+    /// Nothing.
+    Open,
 }
 
 /// Where and how a point moves.
@@ -139,7 +150,7 @@ impl VehicleEstimate {
         VehicleEstimate {
             poses: vehicle.poses.clone(),
             points,
-            open_depth: Vec::new(),
+            depths: Vec::new(),
             motion: None,
             axle: USUAL_AXLE,
             axes_sigma_rad: 0.0,

@@ -6,7 +6,7 @@ use super::datum;
 use super::selection::Anchors;
 use super::sink::Sink;
 use super::source::Source;
-use crate::estimate::Estimate;
+use crate::estimate::{Depth, Estimate};
 use crate::problem::Problem;
 use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
 use crate::residuals::known_coordinate::KnownCoordinate;
@@ -57,33 +57,57 @@ pub fn add_starting_shapes(
 }
 
 /// Keeps points without depth near the body. Takes no part in the statistics.
-pub fn add_body_boxes(sink: &mut impl Sink, blocks: &Blocks) {
+pub fn add_body_boxes(sink: &mut impl Sink, blocks: &Blocks) -> GroupId {
     let points = blocks.vehicles.iter().flat_map(|vehicle| vehicle.points.iter().flatten());
     let inside = points.map(|block| Measurement {
         residual: InsideBody,
         blocks: [*block],
         sigma: [BODY_BOX_SIGMA_M; 3],
     });
-    sink.squares(Source::Convention, "shape point inside a road vehicle", inside.collect());
+    sink.squares(Source::Convention, "shape point inside a road vehicle", inside.collect())
 }
 
 /// What the size of road vehicles says of points: one whose rays leave its depth open lies about where
 /// a car is. Takes no part in the statistics.
-pub fn add_usual_sizes(sink: &mut impl Sink, start: &Estimate, blocks: &Blocks) {
+pub fn add_usual_sizes(sink: &mut impl Sink, start: &Estimate, blocks: &Blocks) -> GroupId {
+    add_places(sink, start, blocks, &|_, _, _| Some(BODY_MIDDLE_M.map(|(middle_m, _)| middle_m)))
+}
+
+/// The same in the last least squares, where nothing that is nobody's knowledge may pull: points are held where they are
+/// now. Those of which rays say nothing pull at nothing either, and stay where a car is.
+pub fn add_present_places(
+    sink: &mut impl Sink,
+    start: &Estimate,
+    current: &Estimate,
+    blocks: &Blocks,
+) -> GroupId {
+    add_places(sink, start, blocks, &|vehicle, point, depth| match depth {
+        Depth::Open => Some(BODY_MIDDLE_M.map(|(middle_m, _)| middle_m)),
+        Depth::Known | Depth::Weak => Some(current.vehicles[vehicle].points[point]?.into()),
+    })
+}
+
+/// Keeps points without depth near a place, by vehicle and point.
+fn add_places(
+    sink: &mut impl Sink,
+    start: &Estimate,
+    blocks: &Blocks,
+    place: &dyn Fn(usize, usize, Depth) -> Option<[f64; 3]>,
+) -> GroupId {
     let mut rows = Vec::new();
-    for (blocks, start) in blocks.vehicles.iter().zip(&start.vehicles) {
-        for (block, is_open) in blocks.points.iter().zip(&start.open_depth) {
-            let Some(block) = *block else { continue };
-            for (axis, (middle_m, half_size_m)) in BODY_MIDDLE_M.into_iter().enumerate() {
+    for (vehicle, (blocks, start)) in blocks.vehicles.iter().zip(&start.vehicles).enumerate() {
+        for (point, (block, depth)) in blocks.points.iter().zip(&start.depths).enumerate() {
+            let (Some(block), Some(place_m)) = (*block, place(vehicle, point, *depth)) else { continue };
+            for (axis, (_, half_size_m)) in BODY_MIDDLE_M.into_iter().enumerate() {
                 rows.push(Measurement {
-                    residual: KnownCoordinate { axis, known_m: middle_m },
+                    residual: KnownCoordinate { axis, known_m: place_m[axis] },
                     blocks: [block],
-                    sigma: [half_size_m * if *is_open { 1.0 } else { LOOSENED }],
+                    sigma: [half_size_m * if *depth == Depth::Known { LOOSENED } else { 1.0 }],
                 });
             }
         }
     }
-    sink.squares(Source::Convention, "usual size of a car", rows);
+    sink.squares(Source::Convention, "usual size of a car", rows)
 }
 
 /// Holds what measurements leave open of the frames of bodies, by coordinates of their own where they are.

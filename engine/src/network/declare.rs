@@ -3,7 +3,9 @@
 
 use super::blocks::{Blocks, add_blocks};
 use super::contact::add_contacts;
-use super::conventions::{add_body_boxes, add_frames, add_starting_shapes, add_tie_points, add_usual_sizes};
+use super::conventions::{
+    add_body_boxes, add_frames, add_present_places, add_starting_shapes, add_tie_points, add_usual_sizes,
+};
 use super::datum::{self, Treatment};
 use super::driving::add_driving;
 use super::images::{Images, add_images};
@@ -16,7 +18,7 @@ use super::starts::{Starting, add_starting_poses};
 use super::warnings::NetworkWarning;
 use crate::estimate::Estimate;
 use crate::problem::Problem;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use trackbundle_solver::system::{BlockId, GroupId};
 
 /// What a network is made from.
@@ -59,6 +61,10 @@ pub struct Declared {
     pub datum: Vec<GroupId>,
     /// Starting shapes, where nothing knows the scale.
     pub shapes: GroupId,
+    /// What keeps points without depth in their places.
+    pub places: GroupId,
+    /// What keeps points within a road vehicle.
+    pub boxes: GroupId,
     /// How many numbers these count as.
     pub shape_rows: usize,
     /// What is odd.
@@ -82,9 +88,13 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
     let ground_shift = ground
         .map(|ground| add_contacts(sink, problem, ground, current, &blocks, &mut warnings))
         .unwrap_or_default();
-    add_body_boxes(sink, &blocks);
     add_frames(sink, current, &blocks, purpose.anchors());
-    add_usual_sizes(sink, start, &blocks);
+    let boxes = add_body_boxes(sink, &blocks);
+    let places = match purpose {
+        Purpose::Adjustment { .. } => add_usual_sizes(sink, start, &blocks),
+        // Whatever a point is like, it is held where it is.
+        Purpose::Statistics { .. } => add_present_places(sink, start, current, &blocks),
+    };
     add_tie_points(sink, problem, current, &blocks);
     let motion = add_motion(sink, declaration, &blocks);
     add_driving(sink, problem, &blocks);
@@ -97,6 +107,8 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
         motion,
         datum,
         shapes,
+        places,
+        boxes,
         shape_rows,
         warnings,
     }
@@ -119,12 +131,14 @@ fn add_motion(sink: &mut impl Sink, declaration: &Declaration<'_>, blocks: &Bloc
     };
     // Where only their own poses hold the cameras, the world has a size that no motion may decide.
     let is_adrift = datum::cameras_float(problem, declaration.cameras);
-    let ground_z_m = is_adrift.then(|| middle_height_m(problem, current)).flatten();
     let place = |frame: usize| current.camera_poses[frame].translation.vector;
+    let seen = if is_adrift { seen_vehicles(current, blocks) } else { Vec::new() };
     let of_camera = |(frame, block): (usize, &BlockId)| {
-        let height_m = ground_z_m.map(|ground_z_m| (place(frame).z - ground_z_m, ground_z_m));
-        let counted = match height_m {
-            Some((height_m, ground_z_m)) => Counted::Heights { ground_z_m, height_m: height_m.max(1.0) },
+        let counted = match nearest(&seen, frame) {
+            Some((_, vehicle, at)) => {
+                let distance_m = (at - place(frame)).norm().max(1.0);
+                Counted::FromVehicle { vehicle: *vehicle, distance_m }
+            }
             None => Counted::Metres,
         };
         pose(frame, *block, counted)
@@ -148,16 +162,22 @@ fn add_motion(sink: &mut impl Sink, declaration: &Declaration<'_>, blocks: &Bloc
     motion
 }
 
-/// About how high the ground is where vehicles drive \[m\]; `None` without terrain, or where it lies above a
-/// camera.
-fn middle_height_m(problem: &Problem, current: &Estimate) -> Option<f64> {
-    let ground = problem.ground.as_ref()?;
-    let poses = current.vehicles.iter().flat_map(|vehicle| vehicle.poses.iter().flatten());
-    let heights = poses.filter_map(|pose| {
-        let place = pose.translation.vector;
-        Some(ground.terrain.at(place.x, place.y).ok()?.height_m)
-    });
-    let (count, sum) = heights.fold((0_usize, 0.0), |(count, sum), height_m| (count + 1, sum + height_m));
-    let middle_m = (count > 0).then(|| sum / count as f64)?;
-    current.camera_poses.iter().all(|pose| pose.translation.z > middle_m).then_some(middle_m)
+/// A frame with the pose of a vehicle in it: its block, and where it is \[m\].
+type Seen = (usize, BlockId, Vector3<f64>);
+
+/// For each frame in which a vehicle has a pose the first of them.
+fn seen_vehicles(current: &Estimate, blocks: &Blocks) -> Vec<Seen> {
+    let in_frame = |frame: usize| {
+        let mut vehicles = blocks.vehicles.iter().zip(&current.vehicles);
+        vehicles.find_map(|(own, found)| {
+            let block = (*own.poses.get(frame)?)?;
+            Some((frame, block, found.poses[frame]?.translation.vector))
+        })
+    };
+    (0..current.camera_poses.len()).filter_map(in_frame).collect()
+}
+
+/// The one in the frame that is nearest to another.
+fn nearest(seen: &[Seen], frame: usize) -> Option<&Seen> {
+    seen.iter().min_by_key(|(own, ..)| own.abs_diff(frame))
 }

@@ -57,6 +57,12 @@ pub struct Model {
     datum_rows: usize,
     /// Those of starting shapes, where nothing knows the scale.
     shapes: GroupId,
+    /// What keeps points without depth in their places.
+    places: GroupId,
+    /// What keeps points within a road vehicle.
+    boxes: GroupId,
+    /// Whether it is that of the last least squares.
+    is_final: bool,
     blocks: Blocks,
     /// Vehicle and point of each receiver.
     receiver_points: Vec<(usize, usize)>,
@@ -103,6 +109,9 @@ impl Model {
             datum,
             datum_rows: pose_rows(&declaration) + declared.shape_rows,
             shapes: declared.shapes,
+            places: declared.places,
+            boxes: declared.boxes,
+            is_final: matches!(purpose, Purpose::Statistics { .. }),
             blocks,
             receiver_points: problem.receivers.iter().map(|r| (r.vehicle, r.point)).collect(),
         }
@@ -125,11 +134,22 @@ impl Model {
         }
     }
 
-    /// The same of all but starting shapes, which keep the scale of a vehicle where it is while nothing knows it.
-    pub fn loosen_all_but_starting_shapes(&mut self) {
-        let shapes = self.system.sigma_factor(self.shapes);
+    /// The same of all that is not needed while the last least squares goes on: starting shapes keep the scale of a
+    /// vehicle where it is while nothing knows it, points without depth must stay somewhere, and all within a vehicle.
+    pub fn loosen_for_least_squares(&mut self) {
+        let kept = self.kept().map(|group| (group, self.system.sigma_factor(group)));
         self.loosen_conventions();
-        self.system.set_sigma_factor(self.shapes, shapes);
+        kept.into_iter().for_each(|(group, factor)| self.system.set_sigma_factor(group, factor));
+    }
+
+    /// Conventions that the last least squares keeps.
+    fn kept(&self) -> [GroupId; 3] {
+        [self.shapes, self.places, self.boxes]
+    }
+
+    /// What a convention weighed in the last least squares over what it weighs now that it is loosened.
+    pub fn weight_before(&self, group: GroupId) -> f64 {
+        if self.is_final && self.kept().contains(&group) { UNCONVENTIONAL * UNCONVENTIONAL } else { 1.0 }
     }
 
     /// Groups of image points: of vehicles, of targets.
@@ -282,7 +302,10 @@ fn scale_warnings(problem: &Problem, start: &Estimate) -> Vec<NetworkWarning> {
 fn pose_rows(declaration: &Declaration<'_>) -> usize {
     let Declaration { problem, start, cameras, vehicles, purpose, .. } = declaration;
     let free = |treatment: &Treatment| treatment.free.iter().filter(|free| **free).count();
-    let adjusted = vehicles.iter().zip(&start.vehicles).filter(|(_, start)| start.left_out.is_none());
+    let all = vehicles.iter().zip(&start.vehicles).zip(&problem.vehicles);
+    let adjusted =
+        all.filter(|((_, start), vehicle)| start.left_out.is_none() && !vehicle.has_measured_poses());
+    let adjusted = adjusted.map(|(both, _)| both);
     let is_given = problem.camera_poses.iter().any(Option::is_some);
     let camera_rows = if is_given { free(cameras) } else { 0 };
     let vehicle_rows = match purpose {

@@ -16,7 +16,7 @@
 use super::sink::Sink;
 use super::source::Source;
 use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
-use crate::residuals::scale_free::{HeightFree, ScaleFree, ScaleFreeSeen};
+use crate::residuals::scale_free::{ScaleFree, ScaleFreeSeen};
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
 use crate::residuals::twist::LinearAcceleration;
 pub use crate::trajectory::{Order, Strengths};
@@ -121,12 +121,12 @@ pub struct TimedPose {
 pub enum Counted {
     /// In metres, along the axes of the world.
     Metres,
-    /// In heights above the ground, along the axes of the world.
-    Heights {
-        /// Height of the ground \[m\].
-        ground_z_m: f64,
-        /// About how high above it the body is \[m\].
-        height_m: f64,
+    /// Of a camera: in distances from a vehicle wherever that goes, along the axes of the world.
+    FromVehicle {
+        /// The pose of the vehicle.
+        vehicle: BlockId,
+        /// About how far away it is \[m\].
+        distance_m: f64,
     },
     /// In distances from where the camera is held, along the axes of the body.
     FromPlace {
@@ -238,10 +238,10 @@ fn add_jerks(sink: &mut impl Sink, source: Source, poses: &[TimedPose], first: S
 }
 
 /// Motion of positions, by how it is counted: in the world `A`, in the axes of the body `B`, over `N` poses, or over
-/// these and a camera's (`L`). All rows of a body are counted alike.
+/// these and one of what it is counted from (`L`). All rows of a body are counted alike.
 struct Positions<A, B, const N: usize, const L: usize> {
     in_metres: Vec<Measurement<A, 3, N>>,
-    in_heights: Vec<Measurement<HeightFree<A>, 3, N>>,
+    from_vehicle: Vec<Measurement<ScaleFreeSeen<A>, 3, L>>,
     from_place: Vec<Measurement<ScaleFree<B>, 3, N>>,
     from_camera: Vec<Measurement<ScaleFreeSeen<B>, 3, L>>,
 }
@@ -250,7 +250,7 @@ impl<A, B, const N: usize, const L: usize> Default for Positions<A, B, N, L> {
     fn default() -> Self {
         Positions {
             in_metres: Vec::new(),
-            in_heights: Vec::new(),
+            from_vehicle: Vec::new(),
             from_place: Vec::new(),
             from_camera: Vec::new(),
         }
@@ -261,20 +261,21 @@ impl<A, B, const N: usize, const L: usize> Positions<A, B, N, L>
 where
     A: Residual<3, N> + 'static,
     B: Residual<3, N> + 'static,
+    ScaleFreeSeen<A>: Residual<3, L>,
     ScaleFreeSeen<B>: Residual<3, L>,
 {
     fn add(
         &mut self,
         (in_world, in_body): (A, B),
         counted: Counted,
-        (blocks, with_camera): ([BlockId; N], &dyn Fn(BlockId) -> [BlockId; L]),
+        (blocks, with_other): ([BlockId; N], &dyn Fn(BlockId) -> [BlockId; L]),
         sigma: [f64; 3],
     ) {
         match counted {
             Counted::Metres => self.in_metres.push(Measurement { residual: in_world, blocks, sigma }),
-            Counted::Heights { ground_z_m, height_m } => {
-                let residual = HeightFree { motion: in_world, ground_z_m, height_m };
-                self.in_heights.push(Measurement { residual, blocks, sigma });
+            Counted::FromVehicle { vehicle, distance_m } => {
+                let residual = ScaleFreeSeen { motion: in_world, distance_m };
+                self.from_vehicle.push(Measurement { residual, blocks: with_other(vehicle), sigma });
             }
             Counted::FromPlace { camera, distance_m } => {
                 let residual = ScaleFree { motion: in_body, camera, distance_m };
@@ -282,14 +283,14 @@ where
             }
             Counted::FromCamera { camera, distance_m } => {
                 let residual = ScaleFreeSeen { motion: in_body, distance_m };
-                self.from_camera.push(Measurement { residual, blocks: with_camera(camera), sigma });
+                self.from_camera.push(Measurement { residual, blocks: with_other(camera), sigma });
             }
         }
     }
 
     fn into_group(self, sink: &mut impl Sink, source: Source) -> GroupId {
-        if !self.in_heights.is_empty() {
-            sink.squares(source, POSITION, self.in_heights)
+        if !self.from_vehicle.is_empty() {
+            sink.squares(source, POSITION, self.from_vehicle)
         } else if !self.from_place.is_empty() {
             sink.squares(source, POSITION, self.from_place)
         } else if !self.from_camera.is_empty() {

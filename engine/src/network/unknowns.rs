@@ -72,7 +72,7 @@ impl Model {
             let mut estimate = VehicleEstimate {
                 poses: blocks.poses.iter().map(|block| block.map(pose)).collect(),
                 points: blocks.points.iter().map(|block| block.map(point)).collect(),
-                open_depth: start.open_depth.clone(),
+                depths: start.depths.clone(),
                 axle: blocks
                     .axle
                     .map_or(start.axle, |axle| self.system.value(values, axle).try_into().expect("an axle")),

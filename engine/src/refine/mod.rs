@@ -38,8 +38,8 @@ pub use score_test::{CRITICAL, DirectedTest};
 pub use verdicts::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verdicts};
 pub use warnings::{AdjustmentWarning, NoSolution};
 
-use crate::estimate::Estimate;
-use crate::initialise::start_anew;
+use crate::estimate::{Depth, Estimate};
+use crate::initialise::{BODY_MIDDLE_M, depths, is_inside, start_anew};
 use crate::network::{Anchors, NetworkOptions, Purpose, anchored, body_frames, start_clocks};
 pub use crate::network::{
     Body, BodyStrength, MotionPrior, Order, Source, Strengths, camera_gap, frame_step, point_motion,
@@ -87,7 +87,7 @@ impl Default for RefineOptions {
             loss: LossName::Tukey,
             loss_scale: None,
             loss_shape: DEFAULT_SHAPE,
-            max_iterations: 100,
+            max_iterations: 300,
             motion: MotionPriors::ESTIMATED,
             arrangement: Arrangement::Cheapest,
         }
@@ -188,6 +188,22 @@ fn statistical(
     let anchors: Vec<Anchors> = frames.iter().map(|frame| frame.anchors.clone()).collect();
     let purpose = Purpose::Statistics { anchors: &anchors };
     Model::new(problem, start, current, options.network(), &accepted.selection(), purpose)
+}
+
+/// By how many standard deviations points whose depth is weak pull at anything at the most, that are held where they were
+/// before they moved: to first order a function of the unknowns is moved by `a^T Q J^T r`, which is at most `|r|` of
+/// its standard deviations.
+fn pull_of_places(start: &Estimate, held_at: &Estimate, now: &Estimate) -> f64 {
+    let mut squares = 0.0;
+    for ((start, held_at), now) in start.vehicles.iter().zip(&held_at.vehicles).zip(&now.vehicles) {
+        let places = held_at.points.iter().zip(&now.points);
+        for (depth, places) in start.depths.iter().zip(places) {
+            let (Depth::Weak, (Some(before), Some(after))) = (depth, places) else { continue };
+            let moved = after - before;
+            squares += (0..3).map(|axis| (moved[axis] / BODY_MIDDLE_M[axis].1).powi(2)).sum::<f64>();
+        }
+    }
+    squares.sqrt()
 }
 
 /// An estimate with the points that it lacks from another.
@@ -331,7 +347,7 @@ impl<'a, 'p> Run<'a, 'p> {
     }
 
     /// The last round, from the better of two depths, until nothing more is left out or comes back.
-    fn finish(&mut self) -> Result<Minimum, TooLarge> {
+    fn finish(&mut self) -> Result<Minimum, NoSolution> {
         let decrease = self.schedule.final_decrease;
         let mut minimum = self.round("final", decrease, self.schedule.iterations_before_reversal);
         let now = self.model.estimate(self.problem, self.start, &self.values);
@@ -351,6 +367,17 @@ impl<'a, 'p> Run<'a, 'p> {
                 break;
             }
             minimum = self.round("final, judged anew", decrease, usize::MAX);
+        }
+        // On the way strengths were those of estimates that were not yet right.
+        for _ in 0..self.schedule.most_final_motion_rounds {
+            if !self.estimates_motion || self.left == 0 {
+                break;
+            }
+            let change = self.model.estimate_motion(&mut self.minimiser, &self.values)?;
+            if change < self.schedule.motion_settled_factor {
+                break;
+            }
+            minimum = self.round("final, motion anew", decrease, usize::MAX);
         }
         if let Stop::Iterations { limit, .. } = &mut minimum.stop {
             // Of all rounds together.
@@ -451,25 +478,59 @@ impl<'a, 'p> Run<'a, 'p> {
     /// is another than stated are weighed by it, and motion anew with them. `None`, and nothing moved, where
     /// that cannot be solved.
     fn least_squares(&mut self, estimate: &mut Estimate, fits: &Fits) -> Result<Option<Network>, NoSolution> {
-        let RoundSchedule { least_squares_decrease, interim_iterations, .. } = *self.schedule;
+        let RoundSchedule { least_squares_decrease, least_squares_iterations, .. } = *self.schedule;
         let values = self.model.values(estimate);
         let frames = body_frames(self.problem, estimate, &self.model, &values);
         // Whoever wants plain least squares has nothing rejected.
         let accepted = if self.options.loss == LossName::None { &fits.all_accepted() } else { fits };
-        let mut model = statistical(self.problem, self.start, estimate, self.options, accepted, &frames);
+        // What was open at the start is perhaps determined by now.
+        let mut start = self.start.clone();
+        let depths = depths(self.problem, self.start, estimate);
+        start.vehicles.iter_mut().zip(depths).for_each(|(vehicle, depths)| vehicle.depths = depths);
+        let mut model = statistical(self.problem, &start, estimate, self.options, accepted, &frames);
         model.copy_motion(&self.model);
         // What they hold on the way must not pull at the end.
-        model.loosen_all_but_starting_shapes();
+        model.loosen_for_least_squares();
         self.values = model.system.start().clone();
         self.minimiser = Minimiser::new(&model.system)?;
         let robust = std::mem::replace(&mut self.model, model);
-        let mut minimum = self.round("least squares", least_squares_decrease, interim_iterations);
+        let mut minimum = self.round("least squares", least_squares_decrease, least_squares_iterations);
         for _ in 0..self.schedule.most_reweightings {
             if !self.reweigh() {
                 break;
             }
             self.model.estimate_motion(&mut self.minimiser, &self.values)?;
-            minimum = self.round("least squares, weighed anew", least_squares_decrease, interim_iterations);
+            minimum =
+                self.round("least squares, weighed anew", least_squares_decrease, least_squares_iterations);
+        }
+        // What conventions hold has moved since they were put where it was.
+        let (mut held_at, mut pull_before) = (estimate.clone(), f64::INFINITY);
+        for _ in 0..self.schedule.most_lettings_go {
+            let now = self.model.estimate(self.problem, self.start, &self.values);
+            let pull = pull_of_places(&start, &held_at, &now);
+            let RoundSchedule { least_pull, settling_share, .. } = *self.schedule;
+            // Where it does not become less, nothing else tells these places.
+            if !(pull > least_pull && pull < settling_share * pull_before) || !now.is_finite() {
+                break;
+            }
+            // What has left the body has no depth that is worth the name.
+            for (held, now) in start.vehicles.iter_mut().zip(&now.vehicles) {
+                for (depth, place) in held.depths.iter_mut().zip(&now.points) {
+                    let is_outside = place.is_some_and(|place| !is_inside(&place));
+                    if *depth == Depth::Weak && is_outside {
+                        *depth = Depth::Open;
+                    }
+                }
+            }
+            let mut model = statistical(self.problem, &start, &now, self.options, accepted, &frames);
+            model.copy_motion(&self.model);
+            model.set_image_factors(self.model.image_factors());
+            model.loosen_for_least_squares();
+            self.values = model.system.start().clone();
+            self.minimiser = Minimiser::new(&model.system)?;
+            self.model = model;
+            (held_at, pull_before) = (now, pull);
+            minimum = self.round("least squares, let go", least_squares_decrease, least_squares_iterations);
         }
         let mut found = self.model.estimate(self.problem, self.start, &self.values);
         let mut model = std::mem::replace(&mut self.model, robust);

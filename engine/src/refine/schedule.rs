@@ -24,6 +24,8 @@ rules! {
         most_motion_rounds: usize = 8, "rounds";
         /// Motion strengths have settled when none changes by more.
         motion_settled_factor: f64 = 1.15, "factor";
+        /// ... and once more after the last round, so often at the most.
+        most_final_motion_rounds: usize = 6, "rounds";
         /// The decrease of the last round.
         final_decrease: f64 = 1e-8, "share of the cost";
         /// A body may be at the wrong one of two depths, which is looked for after so many iterations of the last
@@ -32,9 +34,17 @@ rules! {
         /// After the last round whole tracks and frames are judged anew, and the round goes on, so often at the
         /// most.
         most_final_judgements: usize = 3, "judgements";
+        /// The most iterations of the final least squares: conventions no longer hold what is weak, which may be far off.
+        least_squares_iterations: usize = 100, "iterations";
         /// The decrease of the final least squares, which starts where the robust adjustment ended. Of a cost of
         /// 1e5 it leaves less than a tenth of a standard deviation in the worst direction.
         least_squares_decrease: f64 = 5e-8, "share of the cost";
+        /// Where conventions may pull by more than this, they are put where things are by then ...
+        least_pull: f64 = 0.05, "sigma";
+        /// ... as long as each time makes it less by this ...
+        settling_share: f64 = 0.9, "share";
+        /// ... and so often at the most.
+        most_lettings_go: usize = 20, "rounds";
         /// Image points of other standard deviations than stated, by more than this, weigh what they prove to be
         /// worth ...
         reweighted_factor: f64 = 1.1, "factor";

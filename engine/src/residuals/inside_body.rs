@@ -8,7 +8,7 @@
 //! along to anywhere on its ray, behind the camera too. The box is larger than any road vehicle, so
 //! that it holds back no point that is determined.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use trackbundle_solver::manifold::Manifold;
 use trackbundle_solver::residual::{Jacobian, Residual};
 
@@ -17,6 +17,11 @@ pub const BODY_BOX_M: [[f64; 2]; 3] = [[-20.0, 20.0], [-5.0, 5.0], [-1.0, 6.0]];
 
 /// The middle of a car in its frame and how far it reaches to either side \[m\].
 pub const BODY_MIDDLE_M: [(f64, f64); 3] = [(0.0, 3.0), (0.0, 1.5), (1.0, 1.0)];
+
+/// Whether a point can be of a body.
+pub fn is_inside(point: &Point3<f64>) -> bool {
+    point.iter().zip(BODY_BOX_M).all(|(value, [lower, upper])| (lower..=upper).contains(value))
+}
 
 /// Block: a point in the vehicle frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

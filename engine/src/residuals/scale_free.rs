@@ -11,13 +11,13 @@
 //! unknowns together are not those of one of them). Counted in distances from the camera, accelerations do not
 //! change with the scale, and there is nothing to gain.
 //!
-//! Where nothing but its own poses holds the camera, it is an unknown that takes part in this: the world becomes
-//! smaller as a whole when the camera sinks, and the distance must be that from where it is. What moves with the
-//! camera itself is then counted in heights above the ground:
+//! Where nothing but its own poses holds the camera, it is an unknown that takes part in this, in two ways. The world
+//! becomes smaller as a whole when the camera sinks: the distance must be that from where the camera is. And what moves
+//! an image point may be put down to the vehicle or to the camera, which costs the less, counted in metres, the nearer
+//! the vehicle is. So the motion of the camera is counted in the same distances:
 //!
 //! ```text
-//! r' = r D / |t1 - C|       C the camera's own place       dr'/dC = r (t1 - C)^T D / |t1 - C|^3
-//! r' = r H / (c - g)        c height of the second pose of the camera, g of the ground
+//! r' = r D / |t1 - t|       t1 the place of the second pose, t that of the other body, dr'/dt = r (t1 - t)^T D / |t1 - t|^3
 //! ```
 
 use nalgebra::{Point3, SVector, Vector3};
@@ -52,24 +52,14 @@ impl<const N: usize, R: Residual<3, N>> Residual<3, N> for ScaleFree<R> {
     }
 }
 
-/// Blocks: poses, the second of which is where the motion is, and the pose of the camera that sees it there.
+/// Blocks: poses, the second of which is where the motion is, and the pose of the other body there: of the camera that
+/// sees a vehicle, of a vehicle that a camera sees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScaleFreeSeen<R> {
     /// The motion.
     pub motion: R,
     /// About how far away it is \[m\].
     pub distance_m: f64,
-}
-
-/// Blocks: poses of a camera, the second of which is where the motion is. There is none on the ground.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HeightFree<R> {
-    /// The motion.
-    pub motion: R,
-    /// Height of the ground \[m\].
-    pub ground_z_m: f64,
-    /// About how high above it the camera is \[m\].
-    pub height_m: f64,
 }
 
 /// The poses of a motion with one more block after them.
@@ -109,24 +99,6 @@ macro_rules! seen_motion {
 seen_motion!(3, 4);
 seen_motion!(4, 5);
 
-impl<const N: usize, R: Residual<3, N>> Residual<3, N> for HeightFree<R> {
-    const MANIFOLDS: [Manifold; N] = R::MANIFOLDS;
-
-    fn evaluate(&self, x: &[&[f64]; N], jacobian: Option<&mut Jacobian<3, N>>) -> Option<Vector3<f64>> {
-        let above_m = read_pose(x[1]).translation.vector.z - self.ground_z_m;
-        if above_m <= 0.0 {
-            return None;
-        }
-        let factor = self.height_m / above_m;
-        let Some(jacobian) = jacobian else { return Some(self.motion.evaluate(x, None)? * factor) };
-        let value: SVector<f64, 3> = self.motion.evaluate(x, Some(jacobian))?;
-        jacobian.0.iter_mut().for_each(|block| *block *= factor);
-        let mut column = jacobian.0[1].column_mut(2);
-        column -= value * (factor / above_m);
-        Some(value * factor)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::jerk::{FourSteps, LinearJerk};
@@ -154,8 +126,6 @@ mod tests {
         let steps = FourSteps { first_s: 0.7, second_s: 1.1, third_s: 0.9 };
         let residual = ScaleFreeSeen { motion: LinearJerk(steps), distance_m: 35.0 };
         assert_jacobian(&residual, &[&poses[0], &poses[1], &poses[2], &poses[1], &camera]);
-        let residual = HeightFree { motion: MOTION, ground_z_m: -7.0, height_m: 35.0 };
-        assert_jacobian(&residual, &[&poses[2], &poses[0], &poses[1]]);
     }
 
     #[test]
@@ -168,24 +138,10 @@ mod tests {
             let camera = of(crate::geometry::pose([3.0, 5.0, 40.0], [0.1, 0.9, 0.0, 0.3]));
             let poses = vehicle_poses().map(of);
             let seen = ScaleFreeSeen { motion: MOTION, distance_m: 35.0 };
-            let high = HeightFree { motion: MOTION, ground_z_m: 0.0, height_m: 35.0 };
-            let raised = vehicle_poses().map(|mut pose| {
-                pose.translation.z += 40.0;
-                of(pose)
-            });
-            let seen = seen.evaluate(&[&poses[0], &poses[1], &poses[2], &camera], None).unwrap();
-            (seen, high.evaluate(&[&raised[0], &raised[1], &raised[2]], None).unwrap())
+            seen.evaluate(&[&poses[0], &poses[1], &poses[2], &camera], None).unwrap()
         };
         let (one, other) = (scaled(1.0), scaled(0.7));
-        assert!((one.0 - other.0).norm() < 1e-12 && (one.1 - other.1).norm() < 1e-12);
-        assert!(one.0.norm() > 0.1 && one.1.norm() > 0.1);
-    }
-
-    #[test]
-    fn on_the_ground_there_are_no_heights() {
-        let poses = vehicle_poses().map(|p| write_pose(&p));
-        let residual = HeightFree { motion: MOTION, ground_z_m: 100.0, height_m: 35.0 };
-        assert!(residual.evaluate(&[&poses[0], &poses[1], &poses[2]], None).is_none());
+        assert!((one - other).norm() < 1e-12 && one.norm() > 0.1);
     }
 
     #[test]
