@@ -127,7 +127,7 @@ pub fn precision(
             match middle {
                 Some(middle) => Some(in_the_middle(&inner.joint(at, &[piece, middle])?, &pose, found)),
                 None => match inner.joint(at, &[piece]) {
-                    Some(joint) => Some(pose_precision(joint.sigmas())),
+                    Some(joint) => Some(with_axes(pose_precision(joint.sigmas()), found)),
                     None => held_pose(&problem.vehicle_pose_sigma),
                 },
             }
@@ -157,6 +157,12 @@ pub fn precision(
         out.states.push(states);
     }
     out
+}
+
+/// With what puts the x axis where it points.
+fn with_axes(sigma: PosePrecision, found: &VehicleEstimate) -> PosePrecision {
+    let [roll, pitch, yaw] = sigma.attitude_rad;
+    PosePrecision { attitude_rad: [roll, pitch, yaw.hypot(found.axes_sigma_rad)], ..sigma }
 }
 
 fn pose_precision(sigmas: [f64; 6]) -> PosePrecision {

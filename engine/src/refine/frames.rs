@@ -15,7 +15,11 @@ use crate::geometry::rotation::{exp, log};
 use crate::initialise::vehicle_poses::body_axes::heading_of_travel;
 use crate::network::{BodyFrame, of_vehicle, pose_motion};
 use crate::problem::{Problem, Vehicle};
+use crate::stats::series::sigma_of_mean;
 use nalgebra::{DMatrix, DVector, Point3, UnitQuaternion, Vector3, Vector6};
+
+/// A direction that turns about z by less does not turn, beside its shifts of a metre.
+const LEAST_TURN: f64 = 1e-6;
 
 /// Puts the frames of all bodies where they belong.
 pub fn settle(problem: &Problem, estimate: &mut Estimate, frames: &[BodyFrame]) {
@@ -140,7 +144,20 @@ fn as_given(problem: &Problem, vehicle: &Vehicle, found: &mut VehicleEstimate, f
         change(found, &body_from_new);
         moved *= body_from_new;
     }
+    found.axes_sigma_rad = of_given_axes(vehicle, found, frame);
     moved
+}
+
+/// How well the given poses together say where the x axis points, where nothing else does \[rad\]: by how they scatter
+/// about the adjusted ones. What they all share nobody can know.
+fn of_given_axes(vehicle: &Vehicle, found: &VehicleEstimate, frame: &BodyFrame) -> f64 {
+    if !frame.open.iter().any(|direction| direction[5].abs() > LEAST_TURN) {
+        return 0.0;
+    }
+    let turn = |(pose, given): (&Option<Pose>, &Option<Pose>)| {
+        Some(log(&((*pose)?.rotation.inverse() * (*given)?.rotation)).z)
+    };
+    sigma_of_mean(&found.poses.iter().zip(&vehicle.poses).filter_map(turn).collect::<Vec<f64>>())
 }
 
 #[cfg(test)]
@@ -151,7 +168,7 @@ mod tests {
         VehicleEstimate {
             poses: vec![Some(crate::geometry::pose([3.0, -2.0, 0.1], [0.9, 0.0, 0.1, 0.4])), None],
             points,
-            open_depth: Vec::new(),
+            depths: Vec::new(),
             motion: None,
             axle: [-1.3, 0.0],
             axes_sigma_rad: 0.0,

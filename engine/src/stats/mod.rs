@@ -9,4 +9,5 @@ pub mod chi_square;
 pub mod drawn;
 pub mod normal;
 pub mod quantile;
+pub mod series;
 pub mod weighted;

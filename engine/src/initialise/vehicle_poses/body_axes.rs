@@ -24,6 +24,7 @@ use crate::problem::{ShapePoint, Vehicle};
 use crate::rules::rules;
 use crate::stats::normal::MEDIAN_OF_SIZE;
 use crate::stats::quantile::upper_median;
+use crate::stats::series::inflation;
 use nalgebra::{Matrix2, Point3, Rotation2, SymmetricEigen, Vector2};
 
 rules! {
@@ -50,6 +51,8 @@ rules! {
         reversing_odds: f64 = 0.05, "odds";
         /// ... and the distance by which they shrink to a third.
         reversing_m: f64 = 10.0, "m";
+        /// A body does not quite point where it rolls: its wheels are not quite straight, the road is not quite level.
+        crab_deg: f64 = 0.5, "deg";
         /// The widest turn in one step.
         widest_turn_rad: f64 = 0.7, "rad";
     }
@@ -296,7 +299,10 @@ impl Steps {
             right.y += tie * (expected_m - axle_m);
             let inverse = normal.try_inverse()?;
             let step = inverse * right;
-            sigma_rad = scale * inverse[(0, 0)].max(0.0).sqrt();
+            // What a step is off by is alike that of the step before.
+            let alike = inflation(&off);
+            sigma_rad =
+                (scale * (alike * inverse[(0, 0)].max(0.0)).sqrt()).hypot(RULES.crab_deg.to_radians());
             angle_rad += step.x.clamp(-0.3, 0.3);
             axle_m += step.y;
         }
