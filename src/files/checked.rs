@@ -59,6 +59,11 @@ impl Checked<'_> {
         if !not_supported.is_empty() {
             return Folder { inventory, problem: Err(not_supported), warnings };
         }
+        let are_measured = self.settings.vehicle_poses_are_measured;
+        let vehicles: Vec<Vehicle> = vehicles
+            .into_iter()
+            .map(|vehicle| Vehicle { poses_are_measured: are_measured, ..vehicle })
+            .collect();
         let receivers = gnss::receivers(&self.received, self.settings.gnss, &vehicles);
         let problem = Problem {
             name: self.settings.name.clone(),

@@ -80,6 +80,11 @@ pub fn of_vehicle(problem: &Problem, vehicle: &Vehicle) -> Treatment {
     } else {
         (vehicle.poses.iter().flatten().count(), problem.vehicle_pose_sigma.components())
     };
+    if vehicle.has_measured_poses() {
+        // Each by itself, and their standard deviations are above zero or held.
+        let prior_sigma = prior_sigma(&components, &UNKNOWN_VEHICLE_POSE, 1.0);
+        return Treatment { free: components.map(|sigma| sigma != Some(0.0)), prior_sigma };
+    }
     let rows = rows as f64;
     let mut prior_sigma = prior_sigma(&components, &UNKNOWN_VEHICLE_POSE, rows.sqrt());
     if scale_gap(problem, vehicle).is_none() {
@@ -135,6 +140,9 @@ fn control_in_view(problem: &Problem) -> Vec<usize> {
 pub fn scale_gap(problem: &Problem, vehicle: &Vehicle) -> Option<ScaleGap> {
     let sigma = problem.vehicle_pose_sigma;
     if sigma.position_m == Some(0.0) && !vehicle.has_no_poses() {
+        return None;
+    }
+    if vehicle.has_measured_poses() && vehicle.poses.iter().flatten().count() >= 2 {
         return None;
     }
     let is_own = |receiver: &Receiver| problem.vehicles[receiver.vehicle].id == vehicle.id;

@@ -27,6 +27,8 @@ pub enum Source {
     GnssKnowledge,
     /// Given camera poses whose standard deviations are known.
     CameraPoses,
+    /// Poses of vehicles that were measured.
+    VehiclePoses,
     /// Smooth motion of cameras.
     CameraMotion,
     /// Smooth motion of vehicles.
@@ -115,6 +117,7 @@ impl Source {
             Source::Gnss => of_body("GNSS positions", false, CommonCause::None),
             Source::GnssKnowledge => of_body("knowledge of GNSS receivers", false, CommonCause::None),
             Source::CameraPoses => Traits { counts_in_sigma0: false, ..of("given camera poses", Knowledge) },
+            Source::VehiclePoses => of_body("measured vehicle poses", true, CommonCause::None),
             Source::CameraMotion => of("motion of the camera", Motion),
             Source::VehicleMotion => Traits { per_vehicle: true, ..of("motion of vehicles", Motion) },
             Source::Driving => of_body("rolling of rear axles", false, CommonCause::None),

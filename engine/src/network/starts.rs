@@ -44,8 +44,9 @@ pub fn add_starting_poses(
         let rows = given.filter_map(|(block, pose)| Some(in_the_world(block, pose.as_ref()?, sigma)));
         groups.push(sink.squares(source, "starting pose of a camera", rows.collect()));
     }
-    let of_vehicles = vehicle_rows(problem, starting, blocks);
+    let (of_vehicles, measured) = vehicle_rows(problem, starting, blocks);
     groups.push(sink.squares(Source::Convention, "starting pose of a vehicle", of_vehicles));
+    sink.squares(Source::VehiclePoses, "measured pose of a vehicle", measured);
     groups
 }
 
@@ -68,14 +69,22 @@ fn sources_of_cameras(problem: &Problem, cameras: &Treatment) -> Vec<(Source, [f
     }
 }
 
+/// Rows of starting poses, and of poses that were measured.
 fn vehicle_rows(
     problem: &Problem,
     Starting { start, now, vehicles, .. }: &Starting<'_>,
     blocks: &Blocks,
-) -> Vec<Measurement<PosePrior, 6, 1>> {
-    let mut rows = Vec::new();
+) -> (Vec<Measurement<PosePrior, 6, 1>>, Vec<Measurement<PosePrior, 6, 1>>) {
+    let (mut rows, mut measured) = (Vec::new(), Vec::new());
     for (at, (blocks, treatment)) in blocks.vehicles.iter().zip(*vehicles).enumerate() {
         let (vehicle, cameras) = (&problem.vehicles[at], &start.camera_poses);
+        if vehicle.has_measured_poses() {
+            let given = blocks.poses.iter().zip(&vehicle.poses);
+            measured.extend(given.filter_map(|(block, pose)| {
+                Some(in_the_world(block.as_ref()?, pose.as_ref()?, treatment.prior_sigma))
+            }));
+            continue;
+        }
         // Where no pose is given, those that were found say where in the body its origin is, no more.
         let found = start.vehicles[at].poses.iter().zip(vehicle.frames_without_pose());
         let found: Vec<_> = found.map(|(pose, without)| pose.filter(|_| without)).collect();
@@ -88,5 +97,5 @@ fn vehicle_rows(
             }
         }
     }
-    rows
+    (rows, measured)
 }

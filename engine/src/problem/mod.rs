@@ -133,6 +133,9 @@ pub struct Vehicle {
     /// `world_from_vehicle` of each frame, as far as it is known beforehand. Where there is none for a
     /// frame in which the vehicle is seen, it is to be found.
     pub poses: Vec<Option<Pose>>,
+    /// Whether these poses were measured, each with errors of its own of the standard deviations of the problem: they
+    /// are observations then. Otherwise they say where to start, and where in the body its frame is.
+    pub poses_are_measured: bool,
 }
 
 /// A distance between two points of a vehicle that is known.
@@ -190,6 +193,11 @@ impl Vehicle {
             (Some(first), Some(last)) => first.frame..last.frame + 1,
             _ => 0..0,
         }
+    }
+
+    /// Whether there are poses that were measured.
+    pub fn has_measured_poses(&self) -> bool {
+        self.poses_are_measured && !self.has_no_poses()
     }
 
     /// Whether a frame in which the vehicle is seen has no pose.

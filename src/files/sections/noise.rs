@@ -5,6 +5,9 @@ use super::super::section::Section;
 use crate::problem::{PoseSigma, Problem};
 use std::fmt::Write;
 
+const VEHICLE_POSES: &str = "vehicle_poses";
+const MEASURED: &str = "measured";
+
 /// What `[noise]` says.
 #[derive(Debug)]
 pub struct Noise {
@@ -12,6 +15,8 @@ pub struct Noise {
     pub target_px: f64,
     pub camera: PoseSigma,
     pub vehicle: PoseSigma,
+    /// Whether vehicle poses were measured, or say where to start.
+    pub vehicle_poses_are_measured: bool,
 }
 
 impl Default for Noise {
@@ -21,6 +26,7 @@ impl Default for Noise {
             target_px: 1.0,
             camera: pose_sigma(None, None, 1.0),
             vehicle: pose_sigma(None, None, 0.5),
+            vehicle_poses_are_measured: false,
         }
     }
 }
@@ -28,6 +34,21 @@ impl Default for Noise {
 /// Reads `[noise]`.
 pub fn read(noise: &Section) -> Noise {
     let pixels = |key| noise.not_negative(key).unwrap_or(1.0);
+    let vehicle_poses_are_measured = match noise.text(VEHICLE_POSES).as_deref() {
+        None | Some("start") => false,
+        Some(MEASURED) => true,
+        Some(_) => {
+            noise.error(VEHICLE_POSES, "start or measured");
+            false
+        }
+    };
+    if vehicle_poses_are_measured {
+        for key in ["vehicle_position_m", "vehicle_rotation_deg"] {
+            if !noise.has(key) {
+                noise.error(key, "a standard deviation, since vehicle poses were measured");
+            }
+        }
+    }
     Noise {
         vehicle_px: pixels("vehicle_px"),
         target_px: pixels("target_px"),
@@ -41,6 +62,7 @@ pub fn read(noise: &Section) -> Noise {
             noise.not_negative("vehicle_rotation_deg"),
             0.5,
         ),
+        vehicle_poses_are_measured,
     }
 }
 
@@ -55,6 +77,9 @@ pub fn write(text: &mut String, problem: &Problem) {
     text.push_str("\n[noise]\n");
     write_sigma(text, "camera", &problem.camera_pose_sigma);
     write_sigma(text, "vehicle", &problem.vehicle_pose_sigma);
+    if problem.vehicles.iter().any(|vehicle| vehicle.poses_are_measured) {
+        let _ = writeln!(text, "{VEHICLE_POSES} = \"{MEASURED}\"");
+    }
 }
 
 fn write_sigma(text: &mut String, of: &str, sigma: &PoseSigma) {
