@@ -3,7 +3,9 @@
 use super::{SimulatedVideo, World};
 use crate::files::{camera_pose_table, decimal, problem_files, vehicle_pose_table};
 use crate::geometry::Pose;
+use crate::problem::GroundKnowledge;
 use crate::tables::{Finding, Findings, written};
+use crate::terrain::{Grid, Terrain};
 use std::path::Path;
 
 /// The files of a video: the problem folder, `truth/` and `reference/`. The bytes depend on the scenario and the
@@ -11,12 +13,17 @@ use std::path::Path;
 pub fn simulated_files(world: &World, video: &SimulatedVideo) -> Result<Vec<(String, Vec<u8>)>, Findings> {
     let SimulatedVideo { problem, truth, .. } = video;
     let grid = world.scenario.terrain.grid.as_ref();
+    let measured = world.scenario.terrain.measured;
     let grid_name = grid.map(|file| {
         let extension = Path::new(file).extension().and_then(|e| e.to_str()).unwrap_or("asc");
         format!("terrain.{}", extension.to_ascii_lowercase())
     });
+    let grid_name = if measured.is_some() { Some("terrain.asc".to_owned()) } else { grid_name };
     let mut files = problem_files(problem, grid_name.as_deref());
-    if let (Some(file), Some(name), true) = (grid, &grid_name, problem.ground.is_some()) {
+    if let (Some(GroundKnowledge { terrain: Terrain::Grid(grid), .. }), Some(_)) = (&problem.ground, measured)
+    {
+        files.push(("terrain.asc".to_owned(), grid_written(grid).into_bytes()));
+    } else if let (Some(file), Some(name), true) = (grid, &grid_name, problem.ground.is_some()) {
         let bytes = std::fs::read(world.scenario.folder.join(file))
             .map_err(|error| Finding::of_file(file, "a file that can be read", &error.to_string()))?;
         files.push((name.clone(), bytes));
@@ -81,6 +88,24 @@ pub fn simulated_files(world: &World, video: &SimulatedVideo) -> Result<Vec<(Str
 }
 
 /// The tracks that are not of their vehicle's body, where there are some.
+/// An ESRI ASCII grid of square cells.
+fn grid_written(grid: &Grid) -> String {
+    let ([columns, rows], [first, last], [step_m, _]) = (grid.size(), grid.corners_m(), grid.step_m());
+    let mut text = format!(
+        "ncols {columns}\nnrows {rows}\nxllcenter {}\nyllcenter {}\ncellsize {step_m}\nNODATA_value -9999\n",
+        first[0], first[1]
+    );
+    for row in 0..rows {
+        let heights = (0..columns).map(|column| {
+            let (x, y) = (first[0] + column as f64 * step_m, last[1] - row as f64 * step_m);
+            grid.at(x.min(last[0]), y.max(first[1])).map_or("-9999".to_owned(), |g| decimal(g.height_m, 4))
+        });
+        text += &heights.collect::<Vec<_>>().join(" ");
+        text.push('\n');
+    }
+    text
+}
+
 fn wrong_tracks(video: &SimulatedVideo) -> Option<(String, Vec<u8>)> {
     let vehicles = video.problem.vehicles.iter().zip(&video.wrong_tracks);
     let rows = vehicles.flat_map(|(vehicle, tracks)| {

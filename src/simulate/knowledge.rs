@@ -13,7 +13,7 @@ pub const LEAST_KNOWN_M: f64 = 1e-4;
 const MOST_BARS: f64 = 1000.0;
 
 /// What is known of a vehicle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnowledgeSettings {
     /// How well the height of the highest point is known \[m\]; `None`: not at all.
     pub height_sigma_m: Option<f64>,
@@ -23,6 +23,26 @@ pub struct KnowledgeSettings {
     pub scale_bars: usize,
     /// How well these are known \[m\].
     pub scale_bar_sigma_m: f64,
+    /// Points whose coordinates in the vehicle frame are known.
+    pub known_points: usize,
+    /// How well these are known, per axis \[m\].
+    pub known_point_sigma_m: f64,
+    /// Whether the problem says which point the marker is.
+    pub names_marker: bool,
+}
+
+impl Default for KnowledgeSettings {
+    fn default() -> Self {
+        KnowledgeSettings {
+            height_sigma_m: None,
+            marker_sigma_m: None,
+            scale_bars: 0,
+            scale_bar_sigma_m: 0.01,
+            known_points: 0,
+            known_point_sigma_m: 0.01,
+            names_marker: true,
+        }
+    }
 }
 
 /// The body of which something is known.
@@ -44,11 +64,18 @@ impl KnowledgeSettings {
         if sigma_m.is_some() && !vehicle.has("scale_bars") {
             vehicle.error("scale_bar_sigma_m", "nothing without scale_bars");
         }
+        let point_sigma_m = vehicle.positive("known_point_sigma_m");
+        if point_sigma_m.is_some() && !vehicle.has("known_points") {
+            vehicle.error("known_point_sigma_m", "nothing without known_points");
+        }
         KnowledgeSettings {
             height_sigma_m: vehicle.not_negative("height_sigma_m"),
             marker_sigma_m: vehicle.not_negative("marker_sigma_m"),
             scale_bars: vehicle.number("scale_bars", &wanted, is_count).map_or(0, |count| count as usize),
             scale_bar_sigma_m: sigma_m.unwrap_or(0.01),
+            known_points: vehicle.number("known_points", &wanted, is_count).map_or(0, |count| count as usize),
+            known_point_sigma_m: point_sigma_m.unwrap_or(0.01),
+            names_marker: vehicle.flag("marker").unwrap_or(true),
         }
     }
 
@@ -77,7 +104,7 @@ impl KnowledgeSettings {
         }
     }
 
-    /// The same vehicle with what is known between its points: distances from points of the plan to those farthest
+    /// The same vehicle with what is known of some points, their coordinates, and between them: distances from points of the plan to those farthest
     /// from them, no pair twice, among points that are seen at least half as often as most. Their errors are
     /// `scatter` times as large as stated.
     pub fn between_points(
@@ -96,6 +123,15 @@ impl KnowledgeSettings {
         let mut order: Vec<(f64, usize)> = seen.iter().map(|point| (plan.random(), *point)).collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
         let length_m = |a: usize, b: usize| (body.points[a].1 - body.points[b].1).norm();
+        let mut vehicle = vehicle;
+        for (_, point) in order.iter().take(self.known_points) {
+            for axis in 0..3 {
+                let error_m = normal(chance) * self.known_point_sigma_m * scatter;
+                let value_m = body.points[*point].1[axis] + error_m;
+                vehicle.points[*point].known[axis] =
+                    Some(Known { value_m, sigma_m: self.known_point_sigma_m });
+            }
+        }
         let mut scale_bars: Vec<ScaleBar> = Vec::new();
         for (_, from) in order.iter().cycle().take(self.scale_bars) {
             let is_new = |to: &usize| {

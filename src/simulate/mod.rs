@@ -172,6 +172,11 @@ fn read_terrain(scenario: &Scenario) -> Result<Terrain, Findings> {
     }
 }
 
+/// A number from 0 to 1, the upper end aside: that of this place among those drawn for the scenario of a video.
+pub fn drawn_number(video: usize, place: usize) -> f64 {
+    rand::Rng::random(&mut stream(0, video as u64, Purpose::Draw, place))
+}
+
 /// The number of this index in the sequence of van der Corput in a base: spread evenly, however many.
 fn even(index: usize, base: usize) -> f64 {
     let (mut left, mut share, mut sum) = (index + 1, 1.0, 0.0);

@@ -207,6 +207,7 @@ mod tests {
             track_s: None,
             dropout: 0.0,
             grazing_deg: 80.0,
+            rear_axle_m: 0.0,
             knowledge: Default::default(),
         }
     }

@@ -3,8 +3,8 @@
 use super::knowledge::KnowledgeSettings;
 use super::presets::{PRESETS, Preset};
 use super::scenario::{
-    BodySettings, CameraSettings, Course, ErrorSettings, FlightSettings, Given, GnssSettings, PathSettings,
-    PoseSettings, Scatter, Scenario, Segment, TargetSettings, TerrainSettings, VehicleSettings,
+    BodySettings, CameraSettings, Course, ErrorSettings, FlightSettings, Given, GnssSettings, MeasuredGrid,
+    PathSettings, PoseSettings, Scatter, Scenario, Segment, TargetSettings, TerrainSettings, VehicleSettings,
     VideoSettings,
 };
 use crate::files::section::{Document, Section};
@@ -17,6 +17,8 @@ use std::path::Path;
 const MOST_FRAMES: f64 = 100_000.0;
 const MOST_POINTS: f64 = 100_000.0;
 
+/// The most cells of a measured grid, from the origin to its end.
+const MOST_CELLS: f64 = 2000.0;
 /// The largest share of tracks that come beside those of a body.
 const MOST_BESIDE: f64 = 0.95;
 
@@ -47,6 +49,7 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         correlation_s: 1.0,
         bias_sigma_m: 0.0,
         tilt_sigma_deg: 0.1,
+        measured: None,
     });
     let vehicles = top.things("vehicle", "[[vehicle]]", vehicle, |vehicle| &vehicle.id);
     let targets = top.table("targets", targets);
@@ -73,14 +76,16 @@ fn read(top: &Section, folder: &Path) -> Option<Scenario> {
         really: Scatter::AS_STATED,
     });
     let poses = [("camera_poses", [0.3, 0.5]), ("vehicle_poses", [0.25, 2.0])].map(|(key, [m, deg])| {
-        top.table(key, |section| pose_settings(section, m, deg)).unwrap_or(PoseSettings {
-            given: Given::Start,
-            white_m: m,
-            white_deg: deg,
-            slow_m: 0.0,
-            slow_deg: 0.0,
-            slow_s: 10.0,
-        })
+        top.table(key, |section| pose_settings(section, m, deg, key == "vehicle_poses")).unwrap_or(
+            PoseSettings {
+                given: Given::Start,
+                white_m: m,
+                white_deg: deg,
+                slow_m: 0.0,
+                slow_deg: 0.0,
+                slow_s: 10.0,
+            },
+        )
     });
     let gnss = top.table("gnss", gnss);
     if poses[0].given == Given::Nothing && targets.count < 3 {
@@ -228,7 +233,22 @@ fn read_terrain(terrain: &Section) -> TerrainSettings {
         terrain.error("plane_z_m", "one of plane_z_m and grid");
     }
     let or = |key, default| terrain.not_negative(key).unwrap_or(default);
+    let measured = terrain.positive("cell_m").map(|cell_m| MeasuredGrid {
+        cell_m,
+        noise_m: or("noise_m", 0.0),
+        reach_m: terrain.positive("reach_m").unwrap_or(60.0),
+    });
+    for key in ["noise_m", "reach_m"] {
+        if terrain.has(key) && !terrain.has("cell_m") {
+            terrain.error(key, "nothing without cell_m");
+        }
+    }
+    if measured.is_some_and(|of| of.reach_m / of.cell_m > MOST_CELLS) {
+        terrain
+            .error("cell_m", &format!("at most {MOST_CELLS} cells from the origin to the end of the grid"));
+    }
     TerrainSettings {
+        measured: measured.filter(|of| of.reach_m / of.cell_m <= MOST_CELLS),
         grid,
         plane_z_m: terrain.any_number("plane_z_m").unwrap_or(0.0),
         is_known: terrain.flag("known").unwrap_or(true),
@@ -293,6 +313,7 @@ fn vehicle(vehicle: &Section) -> Option<VehicleSettings> {
         wander_s: vehicle.positive("wander_s").unwrap_or(4.0),
         pitch_by_acceleration: number("pitch_deg_per_mps2"),
         roll_by_acceleration: number("roll_deg_per_mps2"),
+        rear_axle_m: number("rear_axle_m"),
         body,
         points: whole(vehicle, "points", 100, 3.0, MOST_POINTS),
         track_s: vehicle.positive("track_s"),
@@ -353,10 +374,17 @@ fn errors(errors: &Section) -> ErrorSettings {
     }
 }
 
-fn pose_settings(poses: &Section, usual_m: f64, usual_deg: f64) -> PoseSettings {
-    let given =
-        [("start", Given::Start), ("known", Given::Known), ("exact", Given::Exact), ("none", Given::Nothing)];
-    let given = choice(poses, "given", &given);
+fn pose_settings(poses: &Section, usual_m: f64, usual_deg: f64, are_of_vehicles: bool) -> PoseSettings {
+    let mut all = vec![
+        ("start", Given::Start),
+        ("known", Given::Known),
+        ("exact", Given::Exact),
+        ("none", Given::Nothing),
+    ];
+    if are_of_vehicles {
+        all.push(("measured", Given::Measured));
+    }
+    let given = choice(poses, "given", &all);
     let number = |key: &'static str, default: f64| {
         let value = poses.not_negative(key);
         if value.is_some_and(|value| value > 0.0) && matches!(given, Given::Exact | Given::Nothing) {

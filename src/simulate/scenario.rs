@@ -139,6 +139,19 @@ pub struct TerrainSettings {
     pub bias_sigma_m: f64,
     /// Roll and pitch of vehicles against the slope.
     pub tilt_sigma_deg: f64,
+    /// The problem knows it as a grid that was measured, not as it is.
+    pub measured: Option<MeasuredGrid>,
+}
+
+/// A grid of heights that was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredGrid {
+    /// From one node to the next.
+    pub cell_m: f64,
+    /// White noise of each height.
+    pub noise_m: f64,
+    /// How far it reaches from the origin along x and y.
+    pub reach_m: f64,
 }
 
 /// What points are sampled on.
@@ -207,6 +220,8 @@ pub struct VehicleSettings {
     pub pitch_by_acceleration: f64,
     /// Roll by lateral acceleration, outwards \[deg s^2/m\].
     pub roll_by_acceleration: f64,
+    /// Which place of its x axis follows the path: 0, the middle of the body; below it, its rear axle \[m\].
+    pub rear_axle_m: f64,
     /// What points are on.
     pub body: BodySettings,
     /// Points that are tracked at a time, without the marker.
@@ -295,6 +310,8 @@ pub enum Given {
     Exact,
     /// They are known to their standard deviations.
     Known,
+    /// They were measured, each to its standard deviations: of vehicles.
+    Measured,
     /// They are where to start.
     Start,
     /// There are none.

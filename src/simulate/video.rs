@@ -2,12 +2,12 @@
 
 use super::knowledge::{KnownBody, LEAST_KNOWN_M};
 use super::path::{FINE, PlanPath};
-use super::scenario::{Course, Given, PoseSettings, Scenario, VehicleSettings};
+use super::scenario::{Course, Given, MeasuredGrid, PoseSettings, Scenario, VehicleSettings};
 use super::wander::{Curve, Purpose, Times, normal, normal3, stream, values, wander, wanders};
 use super::wrong_tracks::{Moment, Surroundings, WrongKind, WrongTrack};
 use super::{Chance, GrossError, SimulatedVideo, Track, Tracked, World, no_ground};
 use crate::camera::Camera;
-use crate::estimate::{Estimate, ReceiverEstimate, VehicleEstimate};
+use crate::estimate::{Depth, Estimate, ReceiverEstimate, VehicleEstimate};
 use crate::geometry::{Pose, rotation::exp};
 use crate::problem::{
     Frame, Freedom, GroundKnowledge, Known, KnownTime, PoseSigma, Problem, ReceivedPosition, Receiver,
@@ -15,16 +15,19 @@ use crate::problem::{
 };
 use crate::reference::GnssPosition;
 use crate::tables::Findings;
-use crate::terrain::NoGround;
+use crate::terrain::{Grid, NoGround, Terrain};
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector2, Vector3};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A row is found so exactly \[s\].
 const ROW_TOLERANCE_S: f64 = 1e-9;
 /// ... in so many steps at the most.
 const ROW_STEPS: usize = 20;
+/// To so much heights of a measured grid are written \[m\].
+pub const GRID_DIGIT_M: f64 = 1e-4;
 /// Streams of what is known between points, of vehicles in their order, begin here.
 const BETWEEN_POINTS: usize = 1 << 19;
 
@@ -110,6 +113,8 @@ impl Ride<'_> {
         let (side_m, (sin, cos)) = (self.side.at(time_s)[0], heading[0].sin_cos());
         x[0] -= sin * side_m;
         y[0] += cos * side_m;
+        x[0] -= cos * self.settings.rear_axle_m;
+        y[0] -= sin * self.settings.rear_axle_m;
         let ground = world.terrain.at(x[0], y[0])?;
         let [height, mut roll, mut pitch] = [0, 1, 2].map(|k| self.bumps[k].at(time_s)[0]);
         let h = 0.5 * FINE as f64 / world.scenario.video.rate_hz;
@@ -203,6 +208,29 @@ impl World {
         };
         let Recorded { velocities, gross, wrong_tracks, references, .. } = recorded;
         Ok(SimulatedVideo { problem, truth, velocities, gross, wrong_tracks, references })
+    }
+
+    /// The terrain as the problem has it: as it is, or as a grid was measured.
+    fn known_terrain(&self, errors: &Errors) -> Terrain {
+        let Some(MeasuredGrid { cell_m, noise_m, reach_m }) = self.scenario.terrain.measured else {
+            return self.terrain.clone();
+        };
+        let half = (reach_m / cell_m).ceil() as usize;
+        let (count, first_m) = (2 * half + 1, -(half as f64) * cell_m);
+        let mut noise = self.rng(errors, Purpose::Terrain, 0);
+        let height = |at: usize| {
+            let [x, y] = [at % count, at / count].map(|k| first_m + k as f64 * cell_m);
+            let off_m = normal(&mut noise) * noise_m * errors.on;
+            let true_m = self.terrain.at(x, y).map_or(f64::NAN, |ground| ground.height_m);
+            // As it is written.
+            ((true_m + off_m) / GRID_DIGIT_M).round() * GRID_DIGIT_M
+        };
+        let heights = (0..count * count).map(height).collect();
+        match Grid::new([first_m; 2], [cell_m; 2], [count; 2], heights) {
+            Ok(grid) => Terrain::Grid(Arc::new(grid)),
+            // It has no height anywhere.
+            Err(_) => self.terrain.clone(),
+        }
     }
 
     fn rng(&self, errors: &Errors, purpose: Purpose, thing: usize) -> ChaCha8Rng {
@@ -337,7 +365,7 @@ impl World {
         }
         recorded.truth.push(VehicleEstimate {
             poses: poses.into_iter().map(Some).collect(),
-            open_depth: vec![false; sights.points.len()],
+            depths: vec![Depth::Known; sights.points.len()],
             points: sights.points.iter().map(|(_, place)| Some(*place)).collect(),
             motion: None,
             axle: [0.0; 2],
@@ -395,7 +423,7 @@ impl World {
             vehicle.points.extend(points);
             let truth = &mut recorded.truth[at];
             truth.points.resize(vehicle.points.len(), None);
-            truth.open_depth.resize(vehicle.points.len(), false);
+            truth.depths.resize(vehicle.points.len(), Depth::Known);
             recorded.wrong_tracks[at].extend(tracks.iter().map(|track| (track.id.clone(), track.kind)));
         }
     }
@@ -441,9 +469,10 @@ impl World {
         let known = settings.knowledge.between_points(known, &body, &mut plan, &mut wrong, errors.on);
         Vehicle {
             id: settings.id.clone(),
-            marker,
+            marker: marker.filter(|_| settings.knowledge.names_marker),
             is_car: settings.is_car,
             poses: self.given(poses, &self.scenario.poses[1], errors, Purpose::VehiclePoses, at, true),
+            poses_are_measured: self.scenario.poses[1].given == Given::Measured,
             ..known
         }
     }
@@ -471,7 +500,7 @@ impl World {
             vehicles: Vec::new(),
             vehicle_pose_sigma: pose_sigma(vehicle_poses, 0.5),
             ground: terrain.is_known.then(|| GroundKnowledge {
-                terrain: self.terrain.clone(),
+                terrain: self.known_terrain(errors),
                 sigma_m: terrain.sigma_m,
                 correlation_s: terrain.correlation_s,
                 bias_sigma_m: terrain.bias_sigma_m,
@@ -786,7 +815,7 @@ fn pose_sigma(settings: &PoseSettings, level_share: f64) -> PoseSigma {
     match settings.given {
         Given::Exact => PoseSigma { position_m: Some(0.0), rotation_rad: [Some(0.0); 3] },
         Given::Start | Given::Nothing => PoseSigma { position_m: None, rotation_rad: [None; 3] },
-        Given::Known => {
+        Given::Known | Given::Measured => {
             let turn = settings.white_deg.hypot(settings.slow_deg).to_radians().max(1e-6);
             PoseSigma {
                 position_m: Some(settings.white_m.hypot(settings.slow_m).max(LEAST_KNOWN_M)),

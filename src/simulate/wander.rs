@@ -37,6 +37,8 @@ pub enum Purpose {
     StaticTracks,
     SlidingTracks,
     ForeignTracks,
+    Draw,
+    Terrain,
 }
 
 /// Streams of a run.
