@@ -6,9 +6,10 @@ use super::output::{counted, print, steps};
 use super::simulate::invalid;
 use crate::page::study_page;
 use crate::report::folder::{Holds, Staged, check_place};
-use crate::report::{StudyReport, plan_table, study_files};
+use crate::report::{StudyReport, plan_table, study_files, video_files};
 use crate::study::plan::plan;
 use crate::study::summary::{rows, without_result};
+use crate::study::videos::{JudgedVideo, VideoSettings, Videos, lines, run_videos};
 use crate::study::{Kept, Outcome, Study, StudyError, read_study, run as run_study};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -83,6 +84,9 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
     }
     set_threads(arguments.threads)?;
     let kept = Kept::open(&unfinished(&arguments.out), &study)?;
+    if let Some(videos) = study.videos.as_ref().filter(|_| !is_plan) {
+        return run_judged(arguments, &study, videos, kept);
+    }
     let outcomes = {
         let told = steps(arguments.quiet);
         run_study(&study, &kept, &*told)?
@@ -115,6 +119,59 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
         ));
     }
     Ok(())
+}
+
+/// A study of videos that are judged.
+fn run_judged(
+    arguments: &Arguments,
+    study: &Study,
+    videos: &VideoSettings,
+    kept: Kept,
+) -> Result<(), Failure> {
+    let cells = {
+        let told = steps(arguments.quiet);
+        run_videos(study, videos, &kept, &*told)?
+    };
+    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
+    let staged = Staged::begin(&arguments.out, Holds::Study)?;
+    for file in video_files(study, videos, &cells, &command_told(&arguments.study)) {
+        staged.write(&file).map_err(failed)?;
+    }
+    let folder = staged.publish().map_err(failed)?;
+    kept.remove().map_err(failed)?;
+    if !arguments.quiet {
+        print(&format!("{}folder      {}\n", videos_told(study, &cells), folder.display()))?;
+    }
+    Ok(())
+}
+
+/// A row for each cell: errors over their standard deviations.
+fn videos_told(study: &Study, cells: &[Videos]) -> String {
+    let mut text = format!(
+        "study       {}, {} of each of {}\n",
+        study.name,
+        counted(study.runs, "video"),
+        counted(cells.len(), "cell")
+    );
+    let all = lines(cells);
+    for (at, cell) in study.cells().iter().enumerate() {
+        let of = |quantity: &str| {
+            let line = all.iter().find(|line| line.cell == at && line.quantity == quantity);
+            line.map_or_else(|| "-".to_owned(), |line| format!("{:.2}", line.rms[0]))
+        };
+        let told: Vec<String> =
+            ["x", "y", "z", "heading", "scale"].iter().map(|name| format!("{name} {}", of(name))).collect();
+        let good: Vec<&JudgedVideo> = cells[at].iter().flatten().collect();
+        let yes = good.iter().filter(|video| video.trust == "yes").count();
+        text += &format!(
+            "{}: error over its sigma {}; trust yes {yes} of {}, without a result {}\n",
+            study.told(cell),
+            told.join(", "),
+            good.len(),
+            cells[at].len() - good.len()
+        );
+    }
+    text
 }
 
 fn summary(study: &Study, outcomes: &[Outcome]) -> String {

@@ -59,7 +59,14 @@ impl Holds {
                 ("track_", ".tum"),
             ],
             Holds::Problem => &[],
-            Holds::Study => &[("cells.csv", ""), ("plan.csv", ""), ("report.html", ""), ("study.json", "")],
+            Holds::Study => &[
+                ("cells.csv", ""),
+                ("plan.csv", ""),
+                ("report.html", ""),
+                ("study.json", ""),
+                ("summary.csv", ""),
+                ("videos.csv", ""),
+            ],
         }
     }
 

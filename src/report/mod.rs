@@ -20,7 +20,7 @@ pub use evaluation::{EvaluationReport, evaluation_report};
 pub use exports::exports;
 pub use finding::FindingReport;
 pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
-pub use study::{StudyReport, plan_table, study_files};
+pub use study::{StudyReport, plan_table, study_files, video_files};
 pub use tables::{result_tables, start_residuals_table, states_table, targets_table};
 
 use crate::estimate::Estimate;

@@ -4,6 +4,7 @@ use super::File;
 use super::folder::{PROGRAM, PROGRAM_KEY};
 use crate::study::plan::Choice;
 use crate::study::summary::{name, number, table, without_result};
+use crate::study::videos::{VideoSettings, Videos, summary_table, video_table};
 use crate::study::{Outcome, Study, told};
 use crate::tables::written;
 use serde_json::json;
@@ -46,6 +47,30 @@ pub fn study_files(report: &StudyReport, page: String) -> Vec<File> {
         "cells_not_computed": outcomes.iter().filter(|o| o.prediction.is_err()).count(),
         "runs_per_cell": study.runs,
         "runs_without_result": without_result(outcomes),
+        "inputs": study.inputs,
+    });
+    let mut text = serde_json::to_string_pretty(&summary).expect("plain values");
+    text.push('\n');
+    files.push(("study.json".to_owned(), text.into_bytes()));
+    files
+}
+
+/// The files of the folder of a study whose videos are judged.
+pub fn video_files(study: &Study, videos: &VideoSettings, cells: &[Videos], command: &str) -> Vec<File> {
+    let (header, rows) = summary_table(study, cells);
+    let mut files = vec![("summary.csv".to_owned(), written(&header, rows))];
+    let (header, rows) = video_table(study, videos, cells);
+    files.push(("videos.csv".to_owned(), written(&header, rows)));
+    let summary = json!({
+        PROGRAM_KEY: PROGRAM,
+        "version": env!("CARGO_PKG_VERSION"),
+        "command": command,
+        "name": study.name,
+        "title": study.title,
+        "scenarios": study.scenarios.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
+        "cells": cells.len(),
+        "videos_per_cell": study.runs,
+        "videos_without_result": cells.iter().flatten().filter(|video| video.is_err()).count(),
         "inputs": study.inputs,
     });
     let mut text = serde_json::to_string_pretty(&summary).expect("plain values");

@@ -234,7 +234,7 @@ fn in_order_of(problem: &Problem, at: usize, other: &Problem, found: &VehicleEst
     let own = problem.vehicles[at].points.iter().map(|point| places.get(point.id.as_str()));
     VehicleEstimate {
         points: own.map(|place| place.and_then(|place| found.points[*place])).collect(),
-        open_depth: Vec::new(),
+        depths: Vec::new(),
         ..found.clone()
     }
 }

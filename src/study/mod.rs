@@ -10,10 +10,12 @@
 //! read back from there: the numbers are the same in one go and in many.
 
 pub mod cell;
+pub mod draw;
 mod parts;
 pub mod plan;
 pub mod settings;
 pub mod summary;
+pub mod videos;
 
 use crate::simulate::read_scenario;
 pub use cell::{Prediction, RunErrors};

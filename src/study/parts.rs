@@ -14,13 +14,15 @@ pub trait Part: Sized {
 }
 
 /// The last line of a part that was written whole.
-const END: &str = "end\n";
+pub const END: &str = "end\n";
 
-fn numbers(fields: &[&str]) -> Option<Vec<f64>> {
+/// Numbers of a line.
+pub fn numbers(fields: &[&str]) -> Option<Vec<f64>> {
     fields.iter().map(|field| field.parse().ok()).collect()
 }
 
-fn line(text: &mut String, word: &str, values: &[f64]) {
+/// Adds a line.
+pub fn line(text: &mut String, word: &str, values: &[f64]) {
     text.push_str(word);
     values.iter().for_each(|value| {
         let _ = write!(text, "\t{value:?}");

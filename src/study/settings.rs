@@ -1,5 +1,6 @@
 //! `STUDY.toml`: scenarios, what varies of them, and what is wanted.
 
+use super::draw::{VideoSettings, read_draw};
 use crate::files::section::{Document, Section};
 use crate::files::{input_file, named_text};
 use crate::simulate::scenario::Scenario;
@@ -23,8 +24,10 @@ pub struct Study {
     pub scenarios: Vec<BaseScenario>,
     /// What varies of each.
     pub axes: Vec<Axis>,
-    /// Runs of the Monte Carlo in each cell; 0: none.
+    /// Runs of the Monte Carlo in each cell, or videos; 0: none.
     pub runs: usize,
+    /// Where videos of all kinds are judged: how they are made.
+    pub videos: Option<VideoSettings>,
     /// What a plan must reach.
     pub wanted: Option<Wanted>,
     /// All that it depends on, as text.
@@ -118,6 +121,15 @@ pub fn read_study(path: &Path) -> Result<Study, Findings> {
             cell
         });
         for cell in std::iter::once(first.clone()).chain(others).collect::<Vec<_>>() {
+            let examples = study.videos.iter().flat_map(|videos| &videos.draws);
+            for example in examples.flat_map(|draw| draw.examples()).filter(|_| cell == first) {
+                if let Err(why) = study.scenario_with(&cell, &example) {
+                    let told: Vec<String> =
+                        example.iter().map(|(key, value)| format!("{key} = {}", self::told(value))).collect();
+                    let wanted = format!("a scenario with {}, {}", study.told(&cell), told.join(", "));
+                    findings.error(Finding::of_file(&file, &wanted, &why));
+                }
+            }
             match study.scenario(&cell) {
                 Ok(found) => {
                     files.extend(found.files().into_iter().map(|name| (found.folder.clone(), name)));
@@ -186,11 +198,23 @@ fn read(top: &Section, folder: &Path) -> Option<Study> {
     if cells > MOST_CELLS {
         top.error("axis", &format!("at most {MOST_CELLS} cells, not {cells}"));
     }
+    let right = |v: f64| v.fract() == 0.0 && (2.0..=MOST_RUNS).contains(&v);
     let runs = top.table("monte_carlo", |section| {
         let wanted = "a whole number of runs, two at least";
-        let right = |v: f64| v.fract() == 0.0 && (2.0..=MOST_RUNS).contains(&v);
         section.required("runs", wanted, || section.number("runs", wanted, right))
     });
+    let draws: Vec<_> = top.tables("draw", read_draw).into_iter().flatten().collect();
+    let videos = top.table("videos", |section| {
+        let wanted = "a whole number of videos, two at least";
+        let count = section.required("count", wanted, || section.number("count", wanted, right));
+        (count, section.flag("motion").unwrap_or(true))
+    });
+    if videos.is_some() && top.has("monte_carlo") {
+        top.error("monte_carlo", "either runs or videos");
+    }
+    if videos.is_none() && top.has("draw") {
+        top.error("draw", "nothing without a table [videos]");
+    }
     let wanted = top.table("wanted", |section| Wanted {
         track_m: section.positive("track_m"),
         height_m: section.positive("height_m"),
@@ -202,8 +226,13 @@ fn read(top: &Section, folder: &Path) -> Option<Study> {
     if wanted.is_some_and(|wanted| wanted == Wanted::default()) {
         top.error("wanted", "one standard deviation or more");
     }
-    let runs = runs.flatten().map_or(0, |runs| runs as usize);
-    Some(Study { name: name?, title, scenarios, axes, runs, wanted, inputs: String::new() })
+    let runs = match videos {
+        Some((count, _)) => count,
+        None => runs.flatten(),
+    };
+    let runs = runs.map_or(0, |runs| runs as usize);
+    let videos = videos.map(|(_, has_motion)| VideoSettings { draws, has_motion });
+    Some(Study { name: name?, title, scenarios, axes, runs, videos, wanted, inputs: String::new() })
 }
 
 impl Study {
@@ -226,11 +255,28 @@ impl Study {
 
     /// The scenario of a cell; the error says what is wrong with it.
     pub fn scenario(&self, cell: &Cell) -> Result<Scenario, String> {
+        self.scenario_with(cell, &[])
+    }
+
+    /// The number by which all of a video is drawn: another for each scenario, the same whatever the axes say.
+    pub fn video_number(&self, cell: &Cell, number: usize) -> usize {
+        cell.scenario * MOST_RUNS as usize + number
+    }
+
+    /// What is drawn for a video.
+    pub fn drawn(&self, videos: &VideoSettings, cell: &Cell, number: usize) -> Vec<(String, Value)> {
+        let number = self.video_number(cell, number);
+        videos.draws.iter().enumerate().flat_map(|(at, draw)| draw.of_video(number, at)).collect()
+    }
+
+    /// The same with what was drawn; the cell's own values come last.
+    pub fn scenario_with(&self, cell: &Cell, drawn: &[(String, Value)]) -> Result<Scenario, String> {
+        let drawn = drawn.iter().map(|(key, value)| (key.as_str(), value));
         let base = &self.scenarios[cell.scenario];
         let set = base.set.iter().map(|(key, value)| (key.as_str(), value));
         let own =
             self.axes.iter().zip(&cell.values).map(|(axis, at)| (axis.parameter.as_str(), &axis.values[*at]));
-        let text = vary(&base.text, &set.chain(own).collect::<Vec<_>>())?;
+        let text = vary(&base.text, &set.chain(drawn).chain(own).collect::<Vec<_>>())?;
         let file = base.file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         parse(&file, &text, base.file.parent().unwrap_or(Path::new(""))).map_err(|findings| {
             // Lines are those of a text that nobody has seen.

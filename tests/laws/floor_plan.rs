@@ -15,7 +15,7 @@ const ENGINE: &[(u32, &str, &[&str])] = &[
     (2, "camera", &["geometry"]),
     (2, "clock", &["stats"]),
     (2, "cloud", &["geometry", "stats"]),
-    (2, "terrain", &["geometry", "rules"]),
+    (2, "terrain", &["geometry", "rules", "stats"]),
     (3, "trajectory", &["geometry", "stats"]),
     (3, "problem", &["camera", "terrain", "geometry"]),
     (4, "residuals", &["camera", "terrain", "geometry"]),
@@ -77,6 +77,7 @@ const TOOLKIT: &[(u32, &str, &[&str])] = &[
         10,
         "study",
         &[
+            "words",
             "pipeline",
             "simulate",
             "diagnose",
