@@ -4,7 +4,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use trackbundle::camera::{Camera, Lens};
-use trackbundle::estimate::{Estimate, Imaging, VehicleEstimate};
+use trackbundle::estimate::{Depth, Estimate, Imaging, VehicleEstimate};
 use trackbundle::geometry::Pose;
 use trackbundle::geometry::rotation::exp;
 use trackbundle::internals::diagnose::observability::{
@@ -181,7 +181,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
         estimate.vehicles.push(VehicleEstimate {
             poses: poses.into_iter().map(Some).collect(),
             points: points.into_iter().map(Some).collect(),
-            open_depth: vec![false; number],
+            depths: vec![Depth::Known; number],
             motion: None,
             axle: [0.0; 2],
             axes_sigma_rad: 0.0,

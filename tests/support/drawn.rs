@@ -4,7 +4,7 @@ use nalgebra::{Point3, Unit, UnitQuaternion, Vector2, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use trackbundle::camera::{Camera, Lens};
-use trackbundle::estimate::{Estimate, VehicleEstimate};
+use trackbundle::estimate::{Depth, Estimate, VehicleEstimate};
 use trackbundle::geometry::{Pose, rotation::exp};
 use trackbundle::internals::refine::{MotionPrior, MotionPriors, Order, Strengths};
 use trackbundle::problem::{
@@ -156,7 +156,7 @@ impl Film {
             vehicles: vec![VehicleEstimate {
                 poses: truth.vehicle.iter().map(|pose| Some(disturbed(pose, rng))).collect(),
                 points: truth.points.iter().map(|point| Some(point + normal3(rng) * 0.02)).collect(),
-                open_depth: vec![false; self.points],
+                depths: vec![Depth::Known; self.points],
                 motion: None,
                 axle: [0.0; 2],
                 axes_sigma_rad: 0.0,
