@@ -85,6 +85,7 @@ fn problem() -> Problem {
                 .collect(),
             observations,
             poses: (0..FRAMES).map(|frame| Some(true_pose(frame) * off)).collect(),
+            poses_are_measured: false,
         }],
         vehicle_pose_sigma: unknown,
         ground: None,

@@ -510,7 +510,8 @@ impl<'a, 'p> Run<'a, 'p> {
             let pull = pull_of_places(&start, &held_at, &now);
             let RoundSchedule { least_pull, settling_share, .. } = *self.schedule;
             // Where it does not become less, nothing else tells these places.
-            if !(pull > least_pull && pull < settling_share * pull_before) || !now.is_finite() {
+            let goes_on = pull > least_pull && pull < settling_share * pull_before && now.is_finite();
+            if !goes_on {
                 break;
             }
             // What has left the body has no depth that is worth the name.

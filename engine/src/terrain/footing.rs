@@ -211,7 +211,7 @@ impl Footing {
             return None;
         }
         let nodes_m = MAD_TO_SIGMA * upper_median(sample.iter().map(|(_, off)| off.abs()).collect())?;
-        if !(nodes_m >= RULES.least_noise_m) {
+        if nodes_m < RULES.least_noise_m {
             return None;
         }
         let nodes_length_m = length_m(grid, &sample, nodes_m, &left);
@@ -329,7 +329,7 @@ mod tests {
         let noise = terrain.footing_noise().unwrap();
         assert!((noise.nodes_m / 0.03 - 1.0).abs() < 0.05 && noise.nodes_length_m < 0.2, "{noise:?}");
         // Second road: what heights and slopes are really off by.
-        let (mut heights, mut slopes, mut count) = (0.0, 0.0, 0.0);
+        let (mut heights, mut slopes, mut count) = (0.0_f64, 0.0_f64, 0.0);
         for i in 0..30 {
             for j in 0..30 {
                 let (x, y) = (-18.1 + 1.2 * f64::from(i), -18.3 + 1.2 * f64::from(j));
@@ -339,7 +339,7 @@ mod tests {
                 count += 1.0;
             }
         }
-        let (height, slope) = ((heights / count as f64).sqrt(), (slopes / count as f64).sqrt());
+        let (height, slope) = ((heights / count).sqrt(), (slopes / count).sqrt());
         assert!((0.8..1.25).contains(&(height / noise.height_m)), "{height} {noise:?}");
         assert!((0.8..1.25).contains(&(slope / noise.slope)), "{slope} {noise:?}");
         assert!(noise.slope < 0.03 / STEP_M / 10.0, "{noise:?}");
