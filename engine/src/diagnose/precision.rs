@@ -125,7 +125,10 @@ pub fn precision(
             let piece = inner.pose_piece(at, block, &pose);
             let middle = if is_in_the_middle(vehicle) { inner.place_piece(at) } else { None };
             match middle {
-                Some(middle) => Some(in_the_middle(&inner.joint(at, &[piece, middle])?, &pose, found)),
+                Some(middle) => {
+                    let joint = inner.joint(at, &[piece, middle])?;
+                    Some(with_axes(in_the_middle(&joint, &pose, found), found))
+                }
                 None => match inner.joint(at, &[piece]) {
                     Some(joint) => Some(with_axes(pose_precision(joint.sigmas()), found)),
                     None => held_pose(&problem.vehicle_pose_sigma),
@@ -170,8 +173,7 @@ fn pose_precision(sigmas: [f64; 6]) -> PosePrecision {
     PosePrecision { position_m: [x, y, z], attitude_rad: [roll, pitch, yaw] }
 }
 
-/// Of a pose whose origin lies in the middle of the body: that moves with the points at its sides, and the attitude with
-/// what puts the x axis where it points.
+/// Of a pose whose origin lies in the middle of the body: that moves with the points at its sides.
 fn in_the_middle(joint: &Joint, pose: &Pose, found: &VehicleEstimate) -> PosePrecision {
     let turn = pose.rotation.to_rotation_matrix();
     let sigma = |gradient: &[(usize, f64)]| {
@@ -184,10 +186,9 @@ fn in_the_middle(joint: &Joint, pose: &Pose, found: &VehicleEstimate) -> PosePre
         let of_axes = (turn * found.middle_by_turn())[axis] * found.axes_sigma_rad;
         sigma(&[(axis, 1.0)].into_iter().chain(of_middle).collect::<Vec<_>>()).hypot(of_axes)
     };
-    let [roll, pitch, yaw] = [3, 4, 5].map(|at| sigma(&[(at, 1.0)]));
     PosePrecision {
         position_m: [0, 1, 2].map(position),
-        attitude_rad: [roll, pitch, yaw.hypot(found.axes_sigma_rad)],
+        attitude_rad: [3, 4, 5].map(|at| sigma(&[(at, 1.0)])),
     }
 }
 

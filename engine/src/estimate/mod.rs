@@ -184,6 +184,14 @@ impl VehicleEstimate {
         Some([side(0)?, side(1)?, side(2)?])
     }
 
+    /// The middle of that box in x and y, and its lower side in z \[m\].
+    pub fn middle(&self) -> Option<Point3<f64>> {
+        let sides = self.box_sides()?;
+        let value = |axis: usize, side: usize| Some(self.points[sides[axis][side]]?[axis]);
+        let middle = |axis: usize| Some((value(axis, 0)? + value(axis, 1)?) / 2.0);
+        Some(Point3::new(middle(0)?, middle(1)?, value(2, 0)?))
+    }
+
     /// Where the middle of the box around the body goes when its axes turn about z: `dp/dw` in the vehicle frame
     /// \[m/rad\].
     pub fn middle_by_turn(&self) -> Vector3<f64> {

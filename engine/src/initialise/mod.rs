@@ -33,8 +33,6 @@ rules! {
         least_points: usize = 3, "points";
         /// From this standard deviation on the depth of a shape point is said to be left open by its rays.
         open_depth_m: f64 = 0.3, "m";
-        /// ... and still, once poses are adjusted.
-        still_open_m: f64 = 10.0, "m";
         /// Where more of the points of a vehicle have gross errors, all are intersected robustly.
         most_gross_share: f64 = 0.02, "share of points";
         /// Where a residual of an image point turns linear.
@@ -387,32 +385,6 @@ fn shape(
             Some(Fit { point, robust: robust.is_some(), is_open, has_no_depth })
         })
         .collect()
-}
-
-/// What rays say of the depth of each vehicle's points by poses that were adjusted, of those whose depth was open at the
-/// start: something, or nothing still.
-pub fn depths(problem: &Problem, start: &Estimate, estimate: &Estimate) -> Vec<Vec<Depth>> {
-    let of_vehicle = |at: usize| -> Vec<Depth> {
-        let (vehicle, found) = (&problem.vehicles[at], &estimate.vehicles[at]);
-        let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); vehicle.points.len()];
-        for observation in &vehicle.observations {
-            sightings[observation.point].extend(sighting(
-                problem,
-                &estimate.camera_poses,
-                found,
-                observation,
-            ));
-        }
-        let now = |(point, depth): (usize, &Depth)| {
-            if *depth == Depth::Known {
-                return Depth::Known;
-            }
-            let linear = LinearPoint::new(&sightings[point], &vehicle.points[point].known);
-            if linear.largest_sigma_m() < RULES.still_open_m { Depth::Weak } else { Depth::Open }
-        };
-        start.vehicles[at].depths.iter().enumerate().map(now).collect()
-    };
-    (0..problem.vehicles.len()).into_par_iter().map(of_vehicle).collect()
 }
 
 /// Position of a target from its image points alone (and, for a point that is partly known, from

@@ -61,12 +61,12 @@ pub struct Declared {
     pub datum: Vec<GroupId>,
     /// Starting shapes, where nothing knows the scale.
     pub shapes: GroupId,
+    /// How many numbers these count as.
+    pub shape_rows: usize,
     /// What keeps points without depth in their places.
     pub places: GroupId,
     /// What keeps points within a road vehicle.
     pub boxes: GroupId,
-    /// How many numbers these count as.
-    pub shape_rows: usize,
     /// What is odd.
     pub warnings: Vec<NetworkWarning>,
 }
@@ -92,7 +92,7 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
     let boxes = add_body_boxes(sink, &blocks);
     let places = match purpose {
         Purpose::Adjustment { .. } => add_usual_sizes(sink, start, &blocks),
-        // Whatever a point is like, it is held where it is.
+        // What was held on the way is held where it is by now.
         Purpose::Statistics { .. } => add_present_places(sink, start, current, &blocks),
     };
     add_tie_points(sink, problem, current, &blocks);
@@ -107,9 +107,9 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
         motion,
         datum,
         shapes,
+        shape_rows,
         places,
         boxes,
-        shape_rows,
         warnings,
     }
 }

@@ -12,6 +12,7 @@ use super::warnings::NetworkWarning;
 use crate::estimate::Estimate;
 use crate::problem::Problem;
 use trackbundle_solver::Singular;
+use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::{Loss, robust_spread_of_many};
 use trackbundle_solver::minimise::Minimiser;
 use trackbundle_solver::system::{Arrangement, BlockId, GroupId, System, SystemBuilder, TimeStep, Values};
@@ -129,7 +130,13 @@ impl Model {
 
     /// Takes almost all weight from conventions: what they hold is then seen to be held by nothing else.
     pub fn loosen_conventions(&mut self) {
-        for (_, group) in self.sources.iter().filter(|(source, _)| *source == Source::Convention) {
+        self.loosen_all_but(&[]);
+    }
+
+    fn loosen_all_but(&mut self, kept: &[GroupId]) {
+        let is_loosened =
+            |(source, group): &&(Source, GroupId)| *source == Source::Convention && !kept.contains(group);
+        for (_, group) in self.sources.iter().filter(is_loosened) {
             self.system.set_sigma_factor(*group, UNCONVENTIONAL);
         }
     }
@@ -137,9 +144,7 @@ impl Model {
     /// The same of all that is not needed while the last least squares goes on: starting shapes keep the scale of a
     /// vehicle where it is while nothing knows it, points without depth must stay somewhere, and all within a vehicle.
     pub fn loosen_for_least_squares(&mut self) {
-        let kept = self.kept().map(|group| (group, self.system.sigma_factor(group)));
-        self.loosen_conventions();
-        kept.into_iter().for_each(|(group, factor)| self.system.set_sigma_factor(group, factor));
+        self.loosen_all_but(&self.kept());
     }
 
     /// Conventions that the last least squares keeps.
@@ -150,6 +155,25 @@ impl Model {
     /// What a convention weighed in the last least squares over what it weighs now that it is loosened.
     pub fn weight_before(&self, group: GroupId) -> f64 {
         if self.is_final && self.kept().contains(&group) { UNCONVENTIONAL * UNCONVENTIONAL } else { 1.0 }
+    }
+
+    /// For each vehicle and point that is held in its place its largest standard deviation over the size of a car, were it
+    /// held hardly at all; `None` where these are too many to be had.
+    pub fn open_places(&mut self, values: &Values) -> Option<Vec<Vec<Option<f64>>>> {
+        let factor = self.system.sigma_factor(self.places);
+        self.system.set_sigma_factor(self.places, UNCONVENTIONAL);
+        let leverages =
+            Covariance::new(&self.system, values).ok().map(|all| all.leverages(self.places).to_vec());
+        self.system.set_sigma_factor(self.places, factor);
+        let mut leverages = leverages?.into_iter();
+        // A row weighs `1 / (factor size)`, so that its leverage is the variance over the square of that.
+        let mut largest = || {
+            let three = leverages.by_ref().take(3).fold(0.0, f64::max);
+            UNCONVENTIONAL * three.sqrt()
+        };
+        let of_vehicle =
+            |points: &Vec<Option<BlockId>>| points.iter().map(|block| block.map(|_| largest())).collect();
+        Some(self.blocks.vehicles.iter().map(|vehicle| &vehicle.points).map(of_vehicle).collect())
     }
 
     /// Groups of image points: of vehicles, of targets.
@@ -302,14 +326,14 @@ fn scale_warnings(problem: &Problem, start: &Estimate) -> Vec<NetworkWarning> {
 fn pose_rows(declaration: &Declaration<'_>) -> usize {
     let Declaration { problem, start, cameras, vehicles, purpose, .. } = declaration;
     let free = |treatment: &Treatment| treatment.free.iter().filter(|free| **free).count();
-    let all = vehicles.iter().zip(&start.vehicles).zip(&problem.vehicles);
-    let adjusted =
-        all.filter(|((_, start), vehicle)| start.left_out.is_none() && !vehicle.has_measured_poses());
-    let adjusted = adjusted.map(|(both, _)| both);
+    let counts = |(at, _): &(usize, &Treatment)| {
+        start.vehicles[*at].left_out.is_none() && !problem.vehicles[*at].has_measured_poses()
+    };
+    let adjusted = vehicles.iter().enumerate().filter(counts);
     let is_given = problem.camera_poses.iter().any(Option::is_some);
     let camera_rows = if is_given { free(cameras) } else { 0 };
     let vehicle_rows = match purpose {
-        Purpose::Adjustment { .. } => adjusted.map(|(treatment, _)| free(treatment)).sum::<usize>(),
+        Purpose::Adjustment { .. } => adjusted.map(|(_, treatment)| free(treatment)).sum::<usize>(),
         Purpose::Statistics { .. } => 0,
     };
     camera_rows + vehicle_rows

@@ -98,20 +98,12 @@ fn look_where_it_drives(found: &mut VehicleEstimate, is_car: bool) -> Option<Uni
 
 /// So that the origin lies in the middle of the body; on the ground as it is where there is one, or below all points.
 fn origin_in_the_middle(found: &mut VehicleEstimate, is_on_ground: bool) {
-    let Some(mut middle) = middle(found) else { return };
+    let Some(mut middle) = found.middle() else { return };
     if is_on_ground {
         middle.z = 0.0;
     }
     found.axle[0] -= middle.x;
-    change(found, &Pose::from_parts(middle.into(), UnitQuaternion::identity()));
-}
-
-/// The middle of the box around a body in x and y, and its lower side in z \[m\].
-fn middle(found: &VehicleEstimate) -> Option<Vector3<f64>> {
-    let sides = found.box_sides()?;
-    let value = |axis: usize, side: usize| Some(found.points[sides[axis][side]]?[axis]);
-    let middle = |axis: usize| Some((value(axis, 0)? + value(axis, 1)?) / 2.0);
-    Some(Vector3::new(middle(0)?, middle(1)?, value(2, 0)?))
+    change(found, &Pose::from_parts(middle.coords.into(), UnitQuaternion::identity()));
 }
 
 /// So that poses differ least from those that were given, along what is open of the frame; the new frame in the old one.
@@ -184,15 +176,15 @@ mod tests {
             let angle = f64::from(at) * 0.7;
             points.push(Some(Point3::new(1.0 + 2.2 * angle.cos(), 0.5 + 0.9 * angle.sin(), 0.3)));
         }
-        let before = middle(&body(points.clone())).unwrap();
+        let before = body(points.clone()).middle().unwrap();
         points.push(Some(Point3::new(1.5, 2.9, 1.0)));
         points.push(None);
-        let after = middle(&body(points)).unwrap();
+        let after = body(points).middle().unwrap();
         assert!(
-            (before - after).norm() < 0.05 && (before - Vector3::new(1.0, 0.5, 0.3)).norm() < 0.1,
+            (before - after).norm() < 0.05 && (before - Point3::new(1.0, 0.5, 0.3)).norm() < 0.1,
             "{after}"
         );
-        assert!(middle(&body(vec![None])).is_none());
+        assert!(body(vec![None]).middle().is_none());
     }
 
     #[test]

@@ -39,7 +39,7 @@ pub use verdicts::{Excluded, ImagePointVerdict, RejectionReason, Tally, Verdicts
 pub use warnings::{AdjustmentWarning, NoSolution};
 
 use crate::estimate::{Depth, Estimate};
-use crate::initialise::{BODY_MIDDLE_M, depths, is_inside, start_anew};
+use crate::initialise::{BODY_MIDDLE_M, is_inside, start_anew};
 use crate::network::{Anchors, NetworkOptions, Purpose, anchored, body_frames, start_clocks};
 pub use crate::network::{
     Body, BodyStrength, MotionPrior, Order, Source, Strengths, camera_gap, frame_step, point_motion,
@@ -485,15 +485,12 @@ impl<'a, 'p> Run<'a, 'p> {
         let accepted = if self.options.loss == LossName::None { &fits.all_accepted() } else { fits };
         // What was open at the start is perhaps determined by now.
         let mut start = self.start.clone();
-        let depths = depths(self.problem, self.start, estimate);
-        start.vehicles.iter_mut().zip(depths).for_each(|(vehicle, depths)| vehicle.depths = depths);
-        let mut model = statistical(self.problem, &start, estimate, self.options, accepted, &frames);
-        model.copy_motion(&self.model);
-        // What they hold on the way must not pull at the end.
-        model.loosen_for_least_squares();
-        self.values = model.system.start().clone();
-        self.minimiser = Minimiser::new(&model.system)?;
-        let robust = std::mem::replace(&mut self.model, model);
+        for depth in start.vehicles.iter_mut().flat_map(|vehicle| &mut vehicle.depths) {
+            if *depth == Depth::Open {
+                *depth = Depth::Weak;
+            }
+        }
+        let robust = self.begin_least_squares(&start, estimate, accepted, &frames)?;
         let mut minimum = self.round("least squares", least_squares_decrease, least_squares_iterations);
         for _ in 0..self.schedule.most_reweightings {
             if !self.reweigh() {
@@ -503,35 +500,8 @@ impl<'a, 'p> Run<'a, 'p> {
             minimum =
                 self.round("least squares, weighed anew", least_squares_decrease, least_squares_iterations);
         }
-        // What conventions hold has moved since they were put where it was.
-        let (mut held_at, mut pull_before) = (estimate.clone(), f64::INFINITY);
-        for _ in 0..self.schedule.most_lettings_go {
-            let now = self.model.estimate(self.problem, self.start, &self.values);
-            let pull = pull_of_places(&start, &held_at, &now);
-            let RoundSchedule { least_pull, settling_share, .. } = *self.schedule;
-            // Where it does not become less, nothing else tells these places.
-            let goes_on = pull > least_pull && pull < settling_share * pull_before && now.is_finite();
-            if !goes_on {
-                break;
-            }
-            // What has left the body has no depth that is worth the name.
-            for (held, now) in start.vehicles.iter_mut().zip(&now.vehicles) {
-                for (depth, place) in held.depths.iter_mut().zip(&now.points) {
-                    let is_outside = place.is_some_and(|place| !is_inside(&place));
-                    if *depth == Depth::Weak && is_outside {
-                        *depth = Depth::Open;
-                    }
-                }
-            }
-            let mut model = statistical(self.problem, &start, &now, self.options, accepted, &frames);
-            model.copy_motion(&self.model);
-            model.set_image_factors(self.model.image_factors());
-            model.loosen_for_least_squares();
-            self.values = model.system.start().clone();
-            self.minimiser = Minimiser::new(&model.system)?;
-            self.model = model;
-            (held_at, pull_before) = (now, pull);
-            minimum = self.round("least squares, let go", least_squares_decrease, least_squares_iterations);
+        if let Some(last) = self.let_go(&mut start, estimate, accepted, &frames)? {
+            minimum = last;
         }
         let mut found = self.model.estimate(self.problem, self.start, &self.values);
         let mut model = std::mem::replace(&mut self.model, robust);
@@ -554,6 +524,76 @@ impl<'a, 'p> Run<'a, 'p> {
             .map(|(now, before)| BodyFrame { anchors: before.anchors, ..now })
             .collect();
         Ok(Some(Network { model, values, frames }))
+    }
+
+    /// Takes the least squares from `now` for its model, image points weighed as they were; returns the model before.
+    fn begin_least_squares(
+        &mut self,
+        start: &Estimate,
+        now: &Estimate,
+        accepted: &Fits,
+        frames: &[BodyFrame],
+    ) -> Result<Model, TooLarge> {
+        let mut model = statistical(self.problem, start, now, self.options, accepted, frames);
+        model.copy_motion(&self.model);
+        model.set_image_factors(self.model.image_factors());
+        // What they hold on the way must not pull at the end.
+        model.loosen_for_least_squares();
+        self.values = model.system.start().clone();
+        self.minimiser = Minimiser::new(&model.system)?;
+        Ok(std::mem::replace(&mut self.model, model))
+    }
+
+    /// Points whose depth is weak have moved since they were put where they were, at `held_at`: puts them there anew,
+    /// until they pull at nothing or it does not become less. The last minimum, where there was one.
+    fn let_go(
+        &mut self,
+        start: &mut Estimate,
+        held_at: &Estimate,
+        accepted: &Fits,
+        frames: &[BodyFrame],
+    ) -> Result<Option<Minimum>, TooLarge> {
+        let RoundSchedule { least_pull, settling_share, least_squares_decrease, .. } = *self.schedule;
+        let (mut held_at, mut pull_before, mut last) = (held_at.clone(), f64::INFINITY, None);
+        self.leave_open(start);
+        for _ in 0..self.schedule.most_lettings_go {
+            let now = self.model.estimate(self.problem, self.start, &self.values);
+            let pull = pull_of_places(start, &held_at, &now);
+            // Where it does not become less, nothing else tells these places.
+            let goes_on = pull > least_pull && pull < settling_share * pull_before && now.is_finite();
+            if !goes_on {
+                break;
+            }
+            // What has left the body has no depth that is worth the name.
+            for (held, now) in start.vehicles.iter_mut().zip(&now.vehicles) {
+                for (depth, place) in held.depths.iter_mut().zip(&now.points) {
+                    let is_outside = place.is_some_and(|place| !is_inside(&place));
+                    if *depth == Depth::Weak && is_outside {
+                        *depth = Depth::Open;
+                    }
+                }
+            }
+            self.begin_least_squares(start, &now, accepted, frames)?;
+            (held_at, pull_before) = (now, pull);
+            let most = self.schedule.least_squares_iterations;
+            last = Some(self.round("least squares, let go", least_squares_decrease, most));
+        }
+        Ok(last)
+    }
+
+    /// Of points whose depth is weak, those that nothing tells better than that they are on a car.
+    fn leave_open(&mut self, start: &mut Estimate) {
+        if !start.vehicles.iter().any(|vehicle| vehicle.depths.contains(&Depth::Weak)) {
+            return;
+        }
+        let Some(sizes) = self.model.open_places(&self.values) else { return };
+        for (vehicle, sizes) in start.vehicles.iter_mut().zip(sizes) {
+            for (depth, size) in vehicle.depths.iter_mut().zip(sizes) {
+                if *depth == Depth::Weak && size.is_none_or(|size| size > self.schedule.most_open_size) {
+                    *depth = Depth::Open;
+                }
+            }
+        }
     }
 
     /// Weighs image points by their scatter (a variance component for each kind, [`motion`]), where that is

@@ -133,6 +133,8 @@ impl Cache {
 #[derive(Clone, Debug)]
 struct Window {
     nodes: Vec<WindowNode>,
+    /// What each of them contributes to the height in the middle, all of them known.
+    shares: Vec<f64>,
 }
 
 #[derive(Clone, Debug)]
@@ -161,14 +163,9 @@ impl Window {
         }
         // All of it known, there is a fit.
         let normal: Matrix6<f64> = nodes.iter().map(|n| n.weight * n.row * n.row.transpose()).sum();
-        normal.cholesky().map(|_| Window { nodes })
-    }
-
-    /// What each node contributes to the height in the middle, all of them known.
-    fn shares(&self) -> Vec<f64> {
-        let normal: Matrix6<f64> = self.nodes.iter().map(|n| n.weight * n.row * n.row.transpose()).sum();
-        let first = normal.cholesky().map_or_else(Vector6::zeros, |factor| factor.solve(&Vector6::x()));
-        self.nodes.iter().map(|node| node.weight * node.row.dot(&first)).collect()
+        let first = normal.cholesky()?.solve(&Vector6::x());
+        let shares = nodes.iter().map(|node| node.weight * node.row.dot(&first)).collect();
+        Some(Window { nodes, shares })
     }
 
     /// The height at a node by the fit around it, and how far known nodes are off at the most \[m\]; `None` where too
@@ -217,11 +214,10 @@ impl Footing {
         let nodes_length_m = length_m(grid, &sample, nodes_m, &left);
 
         // The variances of a height, and of the difference of two next to each other.
-        let shares = window.shares();
         let variance_at = |shift_m: Vector2<f64>| -> f64 {
             let mut sum = 0.0;
-            for (a, share_a) in window.nodes.iter().zip(&shares) {
-                for (b, share_b) in window.nodes.iter().zip(&shares) {
+            for (a, share_a) in window.nodes.iter().zip(&window.shares) {
+                for (b, share_b) in window.nodes.iter().zip(&window.shares) {
                     let apart_m = (a.away_m - b.away_m - shift_m).norm();
                     sum += share_a * share_b * (-apart_m / nodes_length_m).exp();
                 }
@@ -254,8 +250,8 @@ impl Footing {
             return Some(kept);
         }
         let most_m = RULES.off_sigmas * self.noise.nodes_m;
-        let fits = self.windows.iter().filter_map(|window| window.fit(grid, at));
-        let fitted = fits.into_iter().find(|(_, off_m)| *off_m <= most_m).map(|(height_m, _)| height_m);
+        let mut fits = self.windows.iter().filter_map(|window| window.fit(grid, at));
+        let fitted = fits.find(|(_, off_m)| *off_m <= most_m).map(|(height_m, _)| height_m);
         let height_m = fitted.or_else(|| grid.node_near(at, [0, 0]))?;
         // Whoever computes it, it is the same.
         place.store(height_m.to_bits(), Ordering::Relaxed);

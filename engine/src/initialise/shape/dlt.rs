@@ -107,9 +107,6 @@ impl LinearPoint {
     /// Largest standard deviation of the point in any direction \[m\], from the standard deviations of
     /// the rays alone; infinite where they do not meet.
     pub fn largest_sigma_m(&self) -> f64 {
-        if self.rows.nrows() < 3 {
-            return f64::INFINITY;
-        }
         let smallest = self.rows.clone().singular_values().min();
         if smallest > 0.0 { 1.0 / smallest } else { f64::INFINITY }
     }
