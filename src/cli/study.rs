@@ -6,7 +6,7 @@ use super::output::{counted, print, steps};
 use super::simulate::invalid;
 use crate::page::study_page;
 use crate::report::folder::{Holds, Staged, check_place};
-use crate::report::{StudyReport, plan_table, study_files, video_files};
+use crate::report::{File, StudyReport, plan_table, study_files, video_files};
 use crate::study::plan::plan;
 use crate::study::summary::{rows, without_result};
 use crate::study::videos::{JudgedVideo, VideoSettings, Videos, lines, run_videos};
@@ -98,13 +98,7 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
         command: &command_told(&arguments.study),
         plan: is_plan.then_some((choices.as_slice(), cheapest)),
     };
-    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
-    let staged = Staged::begin(&arguments.out, Holds::Study)?;
-    for file in study_files(&report, study_page(&report)) {
-        staged.write(&file).map_err(failed)?;
-    }
-    let folder = staged.publish().map_err(failed)?;
-    kept.remove().map_err(failed)?;
+    let folder = publish(arguments, study_files(&report, study_page(&report)), kept)?;
     if !arguments.quiet {
         let mut text = summary(&study, &outcomes);
         if is_plan {
@@ -121,6 +115,18 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Puts the files where they were asked for, all at once, and takes away what was kept until then.
+fn publish(arguments: &Arguments, files: Vec<File>, kept: Kept) -> Result<PathBuf, Failure> {
+    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
+    let staged = Staged::begin(&arguments.out, Holds::Study)?;
+    for file in files {
+        staged.write(&file).map_err(failed)?;
+    }
+    let folder = staged.publish().map_err(failed)?;
+    kept.remove().map_err(failed)?;
+    Ok(folder)
+}
+
 /// A study of videos that are judged.
 fn run_judged(
     arguments: &Arguments,
@@ -132,13 +138,8 @@ fn run_judged(
         let told = steps(arguments.quiet);
         run_videos(study, videos, &kept, &*told)?
     };
-    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
-    let staged = Staged::begin(&arguments.out, Holds::Study)?;
-    for file in video_files(study, videos, &cells, &command_told(&arguments.study)) {
-        staged.write(&file).map_err(failed)?;
-    }
-    let folder = staged.publish().map_err(failed)?;
-    kept.remove().map_err(failed)?;
+    let files = video_files(study, videos, &cells, &command_told(&arguments.study));
+    let folder = publish(arguments, files, kept)?;
     if !arguments.quiet {
         print(&format!("{}folder      {}\n", videos_told(study, &cells), folder.display()))?;
     }
@@ -162,7 +163,7 @@ fn videos_told(study: &Study, cells: &[Videos]) -> String {
         let told: Vec<String> =
             ["x", "y", "z", "heading", "scale"].iter().map(|name| format!("{name} {}", of(name))).collect();
         let good: Vec<&JudgedVideo> = cells[at].iter().flatten().collect();
-        let yes = good.iter().filter(|video| video.trust == "yes").count();
+        let yes = good.iter().filter(|video| video.is_relied_on()).count();
         text += &format!(
             "{}: error over its sigma {}; trust yes {yes} of {}, without a result {}\n",
             study.told(cell),

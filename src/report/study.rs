@@ -7,7 +7,7 @@ use crate::study::summary::{name, number, table, without_result};
 use crate::study::videos::{VideoSettings, Videos, summary_table, video_table};
 use crate::study::{Outcome, Study, told};
 use crate::tables::written;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// A study with what came out of it.
 #[derive(Clone, Copy)]
@@ -32,26 +32,20 @@ pub fn study_files(report: &StudyReport, page: String) -> Vec<File> {
         files.push(("plan.csv".to_owned(), written(&header, rows)));
     }
     files.push(("report.html".to_owned(), page.into_bytes()));
-    let summary = json!({
-        PROGRAM_KEY: PROGRAM,
-        "version": env!("CARGO_PKG_VERSION"),
-        "command": command,
-        "name": study.name,
-        "title": study.title,
-        "scenarios": study.scenarios.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
-        "axes": study.axes.iter().map(|axis| json!({
-            "parameter": axis.parameter,
-            "values": axis.values.iter().map(told).collect::<Vec<_>>(),
-        })).collect::<Vec<_>>(),
-        "cells": outcomes.len(),
-        "cells_not_computed": outcomes.iter().filter(|o| o.prediction.is_err()).count(),
-        "runs_per_cell": study.runs,
-        "runs_without_result": without_result(outcomes),
-        "inputs": study.inputs,
-    });
-    let mut text = serde_json::to_string_pretty(&summary).expect("plain values");
-    text.push('\n');
-    files.push(("study.json".to_owned(), text.into_bytes()));
+    files.push(study_json(
+        study,
+        command,
+        json!({
+            "axes": study.axes.iter().map(|axis| json!({
+                "parameter": axis.parameter,
+                "values": axis.values.iter().map(told).collect::<Vec<_>>(),
+            })).collect::<Vec<_>>(),
+            "cells": outcomes.len(),
+            "cells_not_computed": outcomes.iter().filter(|o| o.prediction.is_err()).count(),
+            "runs_per_cell": study.runs,
+            "runs_without_result": without_result(outcomes),
+        }),
+    ));
     files
 }
 
@@ -61,22 +55,35 @@ pub fn video_files(study: &Study, videos: &VideoSettings, cells: &[Videos], comm
     let mut files = vec![("summary.csv".to_owned(), written(&header, rows))];
     let (header, rows) = video_table(study, videos, cells);
     files.push(("videos.csv".to_owned(), written(&header, rows)));
-    let summary = json!({
+    files.push(study_json(
+        study,
+        command,
+        json!({
+            "cells": cells.len(),
+            "videos_per_cell": study.runs,
+            "videos_without_result": cells.iter().flatten().filter(|video| video.is_err()).count(),
+        }),
+    ));
+    files
+}
+
+/// `study.json`: what was asked, in the middle what is `own`, and all that it depends on.
+fn study_json(study: &Study, command: &str, own: Value) -> File {
+    let mut summary = json!({
         PROGRAM_KEY: PROGRAM,
         "version": env!("CARGO_PKG_VERSION"),
         "command": command,
         "name": study.name,
         "title": study.title,
         "scenarios": study.scenarios.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
-        "cells": cells.len(),
-        "videos_per_cell": study.runs,
-        "videos_without_result": cells.iter().flatten().filter(|video| video.is_err()).count(),
-        "inputs": study.inputs,
     });
+    if let (Value::Object(all), Value::Object(own)) = (&mut summary, own) {
+        all.extend(own);
+        all.insert("inputs".to_owned(), json!(study.inputs));
+    }
     let mut text = serde_json::to_string_pretty(&summary).expect("plain values");
     text.push('\n');
-    files.push(("study.json".to_owned(), text.into_bytes()));
-    files
+    ("study.json".to_owned(), text.into_bytes())
 }
 
 /// The header and rows of `plan.csv`: every cell, the cheapest that reaches what is wanted first, then the others that
@@ -86,11 +93,8 @@ pub fn plan_table(
     choices: &[Choice],
     cheapest: Option<usize>,
 ) -> (Vec<String>, Vec<Vec<String>>) {
-    let mut header = study.cell_columns();
-    header.extend(
-        ["feasible", "cheapest", "worst_ratio", "worst_quantity", "view_m2", "targets", "points"]
-            .map(str::to_owned),
-    );
+    let own = ["feasible", "cheapest", "worst_ratio", "worst_quantity", "view_m2", "targets", "points"];
+    let header = study.columns(&own);
     let cells = study.cells();
     let mut order: Vec<&Choice> = choices.iter().collect();
     order.sort_by(|a, b| {

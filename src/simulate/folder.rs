@@ -1,9 +1,10 @@
 //! A video as a problem folder with its truth.
 
+use super::video::GRID_DIGITS;
 use super::{SimulatedVideo, World};
 use crate::files::{camera_pose_table, decimal, problem_files, vehicle_pose_table};
 use crate::geometry::Pose;
-use crate::problem::GroundKnowledge;
+use crate::problem::{GroundKnowledge, Problem};
 use crate::tables::{Finding, Findings, written};
 use crate::terrain::{Grid, Terrain};
 use std::path::Path;
@@ -12,22 +13,9 @@ use std::path::Path;
 /// seed alone.
 pub fn simulated_files(world: &World, video: &SimulatedVideo) -> Result<Vec<(String, Vec<u8>)>, Findings> {
     let SimulatedVideo { problem, truth, .. } = video;
-    let grid = world.scenario.terrain.grid.as_ref();
-    let measured = world.scenario.terrain.measured;
-    let grid_name = grid.map(|file| {
-        let extension = Path::new(file).extension().and_then(|e| e.to_str()).unwrap_or("asc");
-        format!("terrain.{}", extension.to_ascii_lowercase())
-    });
-    let grid_name = if measured.is_some() { Some("terrain.asc".to_owned()) } else { grid_name };
-    let mut files = problem_files(problem, grid_name.as_deref());
-    if let (Some(GroundKnowledge { terrain: Terrain::Grid(grid), .. }), Some(_)) = (&problem.ground, measured)
-    {
-        files.push(("terrain.asc".to_owned(), grid_written(grid).into_bytes()));
-    } else if let (Some(file), Some(name), true) = (grid, &grid_name, problem.ground.is_some()) {
-        let bytes = std::fs::read(world.scenario.folder.join(file))
-            .map_err(|error| Finding::of_file(file, "a file that can be read", &error.to_string()))?;
-        files.push((name.clone(), bytes));
-    }
+    let grid = written_grid(world, problem)?;
+    let mut files = problem_files(problem, grid.as_ref().map(|(name, _)| name.as_str()));
+    files.extend(grid);
     let frame = |at: usize| problem.frames[at].number.to_string();
     let cameras: Vec<Option<Pose>> = truth.camera_poses.iter().copied().map(Some).collect();
     files.push(("truth/camera_poses.csv".to_owned(), camera_pose_table(problem, &cameras)));
@@ -87,7 +75,21 @@ pub fn simulated_files(world: &World, video: &SimulatedVideo) -> Result<Vec<(Str
     Ok(files)
 }
 
-/// The tracks that are not of their vehicle's body, where there are some.
+/// The file of the terrain that the problem has, where that is a grid: as it was measured, or as the scenario names it.
+fn written_grid(world: &World, problem: &Problem) -> Result<Option<(String, Vec<u8>)>, Findings> {
+    let terrain = &world.scenario.terrain;
+    let Some(GroundKnowledge { terrain: Terrain::Grid(known), .. }) = &problem.ground else {
+        return Ok(None);
+    };
+    let (Some(file), None) = (&terrain.grid, terrain.measured) else {
+        return Ok(Some(("terrain.asc".to_owned(), grid_written(known).into_bytes())));
+    };
+    let extension = Path::new(file).extension().and_then(|e| e.to_str()).unwrap_or("asc");
+    let bytes = std::fs::read(world.scenario.folder.join(file))
+        .map_err(|error| Finding::of_file(file, "a file that can be read", &error.to_string()))?;
+    Ok(Some((format!("terrain.{}", extension.to_ascii_lowercase()), bytes)))
+}
+
 /// An ESRI ASCII grid of square cells.
 fn grid_written(grid: &Grid) -> String {
     let ([columns, rows], [first, last], [step_m, _]) = (grid.size(), grid.corners_m(), grid.step_m());
@@ -98,7 +100,8 @@ fn grid_written(grid: &Grid) -> String {
     for row in 0..rows {
         let heights = (0..columns).map(|column| {
             let (x, y) = (first[0] + column as f64 * step_m, last[1] - row as f64 * step_m);
-            grid.at(x.min(last[0]), y.max(first[1])).map_or("-9999".to_owned(), |g| decimal(g.height_m, 4))
+            grid.at(x.min(last[0]), y.max(first[1]))
+                .map_or("-9999".to_owned(), |g| decimal(g.height_m, GRID_DIGITS))
         });
         text += &heights.collect::<Vec<_>>().join(" ");
         text.push('\n');
@@ -106,6 +109,7 @@ fn grid_written(grid: &Grid) -> String {
     text
 }
 
+/// The tracks that are not of their vehicle's body, where there are some.
 fn wrong_tracks(video: &SimulatedVideo) -> Option<(String, Vec<u8>)> {
     let vehicles = video.problem.vehicles.iter().zip(&video.wrong_tracks);
     let rows = vehicles.flat_map(|(vehicle, tracks)| {

@@ -68,14 +68,16 @@ impl KnowledgeSettings {
         if point_sigma_m.is_some() && !vehicle.has("known_points") {
             vehicle.error("known_point_sigma_m", "nothing without known_points");
         }
+        let usual = KnowledgeSettings::default();
+        let count = |key| vehicle.number(key, &wanted, is_count).map(|count| count as usize);
         KnowledgeSettings {
             height_sigma_m: vehicle.not_negative("height_sigma_m"),
             marker_sigma_m: vehicle.not_negative("marker_sigma_m"),
-            scale_bars: vehicle.number("scale_bars", &wanted, is_count).map_or(0, |count| count as usize),
-            scale_bar_sigma_m: sigma_m.unwrap_or(0.01),
-            known_points: vehicle.number("known_points", &wanted, is_count).map_or(0, |count| count as usize),
-            known_point_sigma_m: point_sigma_m.unwrap_or(0.01),
-            names_marker: vehicle.flag("marker").unwrap_or(true),
+            scale_bars: count("scale_bars").unwrap_or(usual.scale_bars),
+            scale_bar_sigma_m: sigma_m.unwrap_or(usual.scale_bar_sigma_m),
+            known_points: count("known_points").unwrap_or(usual.known_points),
+            known_point_sigma_m: point_sigma_m.unwrap_or(usual.known_point_sigma_m),
+            names_marker: vehicle.flag("marker").unwrap_or(usual.names_marker),
         }
     }
 
@@ -104,12 +106,12 @@ impl KnowledgeSettings {
         }
     }
 
-    /// The same vehicle with what is known of some points, their coordinates, and between them: distances from points of the plan to those farthest
-    /// from them, no pair twice, among points that are seen at least half as often as most. Their errors are
+    /// The same vehicle with what is known of some points, their coordinates, and between them: distances from points of
+    /// the plan to those farthest from them, no pair twice, among points that are seen at least half as often as most. Their errors are
     /// `scatter` times as large as stated.
     pub fn between_points(
         &self,
-        vehicle: Vehicle,
+        mut vehicle: Vehicle,
         body: &KnownBody<'_>,
         plan: &mut ChaCha8Rng,
         chance: &mut ChaCha8Rng,
@@ -123,7 +125,6 @@ impl KnowledgeSettings {
         let mut order: Vec<(f64, usize)> = seen.iter().map(|point| (plan.random(), *point)).collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
         let length_m = |a: usize, b: usize| (body.points[a].1 - body.points[b].1).norm();
-        let mut vehicle = vehicle;
         for (_, point) in order.iter().take(self.known_points) {
             for axis in 0..3 {
                 let error_m = normal(chance) * self.known_point_sigma_m * scatter;

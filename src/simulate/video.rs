@@ -26,8 +26,8 @@ use std::sync::Arc;
 const ROW_TOLERANCE_S: f64 = 1e-9;
 /// ... in so many steps at the most.
 const ROW_STEPS: usize = 20;
-/// To so much heights of a measured grid are written \[m\].
-pub const GRID_DIGIT_M: f64 = 1e-4;
+/// To so many digits heights of a measured grid are written.
+pub const GRID_DIGITS: i32 = 4;
 /// Streams of what is known between points, of vehicles in their order, begin here.
 const BETWEEN_POINTS: usize = 1 << 19;
 
@@ -111,10 +111,9 @@ impl Ride<'_> {
     fn pose(&self, world: &World, time_s: f64) -> Result<Pose, NoGround> {
         let [mut x, mut y, heading] = self.path.at(time_s);
         let (side_m, (sin, cos)) = (self.side.at(time_s)[0], heading[0].sin_cos());
-        x[0] -= sin * side_m;
-        y[0] += cos * side_m;
-        x[0] -= cos * self.settings.rear_axle_m;
-        y[0] -= sin * self.settings.rear_axle_m;
+        let ahead_m = -self.settings.rear_axle_m;
+        x[0] += cos * ahead_m - sin * side_m;
+        y[0] += sin * ahead_m + cos * side_m;
         let ground = world.terrain.at(x[0], y[0])?;
         let [height, mut roll, mut pitch] = [0, 1, 2].map(|k| self.bumps[k].at(time_s)[0]);
         let h = 0.5 * FINE as f64 / world.scenario.video.rate_hz;
@@ -217,13 +216,13 @@ impl World {
         };
         let half = (reach_m / cell_m).ceil() as usize;
         let (count, first_m) = (2 * half + 1, -(half as f64) * cell_m);
-        let mut noise = self.rng(errors, Purpose::Terrain, 0);
+        let (mut noise, digit_m) = (self.rng(errors, Purpose::Terrain, 0), 10_f64.powi(-GRID_DIGITS));
         let height = |at: usize| {
             let [x, y] = [at % count, at / count].map(|k| first_m + k as f64 * cell_m);
             let off_m = normal(&mut noise) * noise_m * errors.on;
             let true_m = self.terrain.at(x, y).map_or(f64::NAN, |ground| ground.height_m);
             // As it is written.
-            ((true_m + off_m) / GRID_DIGIT_M).round() * GRID_DIGIT_M
+            ((true_m + off_m) / digit_m).round() * digit_m
         };
         let heights = (0..count * count).map(height).collect();
         match Grid::new([first_m; 2], [cell_m; 2], [count; 2], heights) {

@@ -239,15 +239,19 @@ fn in_order_of(problem: &Problem, at: usize, other: &Problem, found: &VehicleEst
     }
 }
 
-/// By how much a shape is too large, relative: of the similarity that lays it on the true one, to first order, each
-/// point by its weight.
+/// By how much a shape is too large, relative, each point by its weight.
 fn scale_error(frame: &BodyFrame, found: &[Option<Point3<f64>>], truth: &[Option<Point3<f64>>]) -> f64 {
-    let known = || {
-        let points = frame.points.iter().zip(&frame.weights);
-        points.filter_map(|((at, place), weight)| Some((place.coords, found[*at]? - truth[*at]?, *weight)))
-    };
-    let all: f64 = known().map(|(_, _, weight)| weight).sum();
-    let middle: Vector3<f64> = known().map(|(place, _, weight)| place * (weight / all)).sum();
-    let size: f64 = known().map(|(place, _, weight)| weight * (place - middle).norm_squared()).sum();
-    known().map(|(place, off, weight)| weight * (place - middle).dot(&off)).sum::<f64>() / size
+    let points = frame.points.iter().zip(&frame.weights);
+    let known = points.filter_map(|((at, place), weight)| Some((*place, found[*at]? - truth[*at]?, *weight)));
+    too_large(&known.collect::<Vec<_>>())
+}
+
+/// By how much a shape is too large, relative: of the similarity that lays it on the true one, to first order. `known` has
+/// the place of each point, how far it is off, and its weight.
+pub fn too_large(known: &[(Point3<f64>, Vector3<f64>, f64)]) -> f64 {
+    let all: f64 = known.iter().map(|(_, _, weight)| weight).sum();
+    let middle: Vector3<f64> = known.iter().map(|(place, _, weight)| place.coords * (weight / all)).sum();
+    let from_middle = |place: &Point3<f64>| place.coords - middle;
+    let size: f64 = known.iter().map(|(place, _, weight)| weight * from_middle(place).norm_squared()).sum();
+    known.iter().map(|(place, off, weight)| weight * from_middle(place).dot(off)).sum::<f64>() / size
 }

@@ -114,6 +114,12 @@ impl Kept {
         P::from_text(&std::fs::read_to_string(self.folder.join(name)).ok()?)
     }
 
+    /// What was kept before; it is an error where it is gone.
+    fn read_again<P: Part>(&self, name: &str) -> Result<P, StudyError> {
+        let gone = || io::Error::other("a file that was just written is gone");
+        self.read(name).ok_or_else(|| StudyError::Io(self.folder.clone(), gone()))
+    }
+
     fn write<P: Part>(&self, name: &str, part: &P) -> Result<(), StudyError> {
         self.save(name, &part.to_text()).map_err(|error| StudyError::Io(self.folder.clone(), error))
     }
@@ -183,14 +189,12 @@ pub fn run(study: &Study, kept: &Kept, told: Told<'_>) -> Result<Vec<Outcome>, S
         step();
         Ok(())
     })?;
-    let gone =
-        || StudyError::Io(kept.folder.clone(), io::Error::other("a file that was just written is gone"));
     (0..cells.len())
         .map(|at| {
-            let prediction = kept.read(&prediction_file(at)).ok_or_else(gone)?;
+            let prediction = kept.read_again(&prediction_file(at))?;
             let mut runs: Vec<Result<RunErrors, String>> = Vec::new();
             for chunk in 0..chunks {
-                runs.extend(kept.read::<Vec<_>>(&chunk_file(at, chunk)).ok_or_else(gone)?);
+                runs.extend(kept.read_again::<Vec<_>>(&chunk_file(at, chunk))?);
             }
             Ok(Outcome { prediction, runs })
         })

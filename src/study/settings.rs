@@ -285,10 +285,11 @@ impl Study {
         })
     }
 
-    /// Names of the columns by which a table tells a cell.
-    pub fn cell_columns(&self) -> Vec<String> {
-        let axes = self.axes.iter().map(|axis| axis.parameter.clone());
-        ["cell", "scenario"].map(str::to_owned).into_iter().chain(axes).collect()
+    /// Names of the columns of a table: those that tell a cell, then its own.
+    pub fn columns(&self, own: &[&str]) -> Vec<String> {
+        let axes = self.axes.iter().map(|axis| axis.parameter.as_str());
+        let all = ["cell", "scenario"].into_iter().chain(axes).chain(own.iter().copied());
+        all.map(str::to_owned).collect()
     }
 
     /// What stands in them for a cell, of this number.

@@ -145,7 +145,6 @@ const FACTORS: usize = 3;
 /// The header and the rows of `cells.csv`: a row for each cell, vehicle and quantity. Cells that cannot be computed
 /// have one row that says why.
 pub fn table(study: &Study, outcomes: &[Outcome]) -> (Vec<String>, Vec<Vec<String>>) {
-    let mut header = study.cell_columns();
     let own = [
         "vehicle",
         "quantity",
@@ -168,7 +167,7 @@ pub fn table(study: &Study, outcomes: &[Outcome]) -> (Vec<String>, Vec<Vec<Strin
         "image_points",
         "why_not",
     ];
-    header.extend(own.map(str::to_owned));
+    let header = study.columns(&own);
     let cells = study.cells();
     let mut all = Vec::new();
     for (number_of_cell, (cell, outcome)) in cells.iter().zip(outcomes).enumerate() {

@@ -1,6 +1,6 @@
 //! A video judged as a user would judge it: the result against its truth, in standard deviations of its own.
 
-use crate::diagnose::{Diagnosis, VerdictReason};
+use crate::diagnose::{Diagnosis, Trust, VerdictReason};
 use crate::estimate::Estimate;
 use crate::geometry::align::rigid_fit_trimmed;
 use crate::geometry::{Pose, heading_rad, rotation::exp, skew};
@@ -8,8 +8,9 @@ use crate::pipeline::{Judged, Options, start};
 use crate::refine::{BodyFrame, is_in_the_middle};
 use crate::simulate::scenario::Scenario;
 use crate::simulate::{Chance, SimulatedVideo, World};
+use crate::study::cell::too_large;
 use crate::words::Coded;
-use nalgebra::{Matrix3x6, Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Matrix3x6, Matrix6, Point3, Vector6};
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
@@ -98,6 +99,13 @@ pub struct JudgedVideo {
     pub vehicles: Vec<(usize, JudgedVehicle)>,
 }
 
+impl JudgedVideo {
+    /// Whether the verdict says that it is as right as it says.
+    pub fn is_relied_on(&self) -> bool {
+        self.trust == Trust::Yes.name()
+    }
+}
+
 /// Simulates a video, gives it to the adjustment as a user would, and holds the result against the truth. The error
 /// says why there is no result.
 pub fn judge(scenario: &Scenario, seed: u64, options: &Options) -> Result<JudgedVideo, String> {
@@ -164,11 +172,7 @@ fn compare(
             for (point, place) in body.points.iter_mut().enumerate() {
                 *place = place.filter(|_| is_own[point] && found.points[point].is_some());
             }
-            let [x, y, _] = body.box_sides()?;
-            let half = |side: [usize; 2], axis: usize| -> Option<f64> {
-                Some((body.points[side[0]]?[axis] + body.points[side[1]]?[axis]) / 2.0)
-            };
-            Point3::new(half(x, 0)?, half(y, 1)?, 0.0)
+            Point3::from(body.middle()?.coords.xy().push(0.0))
         }
     };
     let findings = judged.verdict.iter().flat_map(|verdict| &verdict.findings);
@@ -261,18 +265,11 @@ fn laid_on_truth(both: &[Pair], weights: &BTreeMap<usize, f64>) -> Option<Vec<Pa
     Some(both.iter().map(|(point, place, truth)| (*point, true_from_found * place, *truth)).collect())
 }
 
-/// By how much a shape is too large, relative: of the similarity that lays it on the true one, to first order, each
-/// point by the weight that it has in the stated standard deviation.
+/// By how much a shape is too large, relative, each point by the weight that it has in the stated standard deviation.
 fn scale_error(laid: &[Pair], weights: &BTreeMap<usize, f64>) -> Option<f64> {
-    let known = || {
-        laid.iter()
-            .filter_map(|(point, place, truth)| Some((truth.coords, place - truth, *weights.get(point)?)))
-    };
-    let all: f64 = known().map(|(_, _, weight)| weight).sum();
-    let middle: Vector3<f64> = known().map(|(place, _, weight)| place * (weight / all)).sum();
-    let size: f64 = known().map(|(place, _, weight)| weight * (place - middle).norm_squared()).sum();
-    let off = known().map(|(place, off, weight)| weight * (place - middle).dot(&off)).sum::<f64>() / size;
-    off.is_finite().then_some(off)
+    let known = laid.iter();
+    let known = known.filter_map(|(point, place, truth)| Some((*truth, place - truth, *weights.get(point)?)));
+    Some(too_large(&known.collect::<Vec<_>>())).filter(|off| off.is_finite())
 }
 
 #[cfg(test)]

@@ -17,7 +17,6 @@ use super::{CHUNK, Kept, StudyError, Told, side_by_side};
 use crate::pipeline::Options;
 use crate::refine::{MotionPrior, MotionPriors};
 pub use judged::{COMPARED, Difference, JudgedVehicle, JudgedVideo};
-use std::io;
 use std::sync::atomic::{AtomicUsize, Ordering};
 pub use summary::{Line, lines, summary_table, video_table};
 
@@ -54,13 +53,11 @@ pub fn run_videos(
         told(done.fetch_add(1, Ordering::Relaxed) + 1, cells.len() * chunks);
         Ok(())
     })?;
-    let gone =
-        || StudyError::Io(kept.folder.clone(), io::Error::other("a file that was just written is gone"));
     (0..cells.len())
         .map(|at| {
             let mut videos = Videos::new();
             for chunk in 0..chunks {
-                videos.extend(kept.read::<Videos>(&file(at, chunk)).ok_or_else(gone)?);
+                videos.extend(kept.read_again::<Videos>(&file(at, chunk))?);
             }
             Ok(videos)
         })

@@ -8,8 +8,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// A mean error beyond so many standard deviations is too many.
 const BEYOND: f64 = 3.0;
-/// The verdict that says a result is as good as it says.
-const RELIED_ON: &str = "yes";
 
 /// What the videos of a cell say of one quantity.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,13 +68,12 @@ fn line(cell: usize, videos: &Videos, at: usize) -> Option<Line> {
         mean_rms: mean(&|d| d.mean_ratio.powi(2)).sqrt(),
         bias: mean(&|d| d.mean_ratio),
         within_95: mean(&|d| f64::from(u8::from(d.mean_ratio.abs() <= TWO_SIDED_95))),
-        beyond: [beyond().count(), beyond().filter(|(video, _)| video.trust == RELIED_ON).count()],
+        beyond: [beyond().count(), beyond().filter(|(video, _)| video.is_relied_on()).count()],
     })
 }
 
 /// Header and rows of `summary.csv`.
 pub fn summary_table(study: &Study, cells: &[Videos]) -> (Vec<String>, Vec<Vec<String>>) {
-    let mut header = study.cell_columns();
     let own = [
         "quantity",
         "count",
@@ -95,7 +92,7 @@ pub fn summary_table(study: &Study, cells: &[Videos]) -> (Vec<String>, Vec<Vec<S
         "right_kept",
         "shape_m",
     ];
-    header.extend(own.map(str::to_owned));
+    let header = study.columns(&own);
     let all = study.cells();
     let rows = lines(cells).into_iter().map(|line| {
         let videos = &cells[line.cell];
@@ -105,7 +102,7 @@ pub fn summary_table(study: &Study, cells: &[Videos]) -> (Vec<String>, Vec<Vec<S
         row.extend(values.map(|value| number(Some((value * 1e6).round() / 1e6))));
         row.extend(line.beyond.map(|count| count.to_string()));
         let good: Vec<&JudgedVideo> = videos.iter().flatten().collect();
-        let yes = good.iter().filter(|video| video.trust == RELIED_ON).count();
+        let yes = good.iter().filter(|video| video.is_relied_on()).count();
         row.extend([videos.len(), yes, videos.len() - good.len()].map(|count| count.to_string()));
         let vehicles = || good.iter().flat_map(|video| &video.vehicles);
         let tracks = |at: usize| vehicles().map(|(_, vehicle)| vehicle.tracks[at]).sum::<usize>() as f64;
@@ -129,16 +126,17 @@ pub fn video_table(
     cells: &[Videos],
 ) -> (Vec<String>, Vec<Vec<String>>) {
     let all = study.cells();
-    let drawn_of = |cell: usize, video: usize| -> BTreeMap<String, String> {
+    let of_video = |cell: usize, video: usize| -> BTreeMap<String, String> {
         let own = study.drawn(settings, &all[cell], video).into_iter();
         own.map(|(key, value)| (key, told(&value))).collect()
     };
-    let videos =
-        cells.iter().enumerate().flat_map(|(cell, of)| (0..of.len()).map(move |video| (cell, video)));
-    let keys: BTreeSet<String> = videos.flat_map(|(cell, video)| drawn_of(cell, video).into_keys()).collect();
-    let mut header = study.cell_columns();
-    header.push("video".to_owned());
-    header.extend(keys.iter().cloned());
+    let of_cell = |(cell, videos): (usize, &Videos)| -> Vec<_> {
+        (0..videos.len()).map(|video| of_video(cell, video)).collect()
+    };
+    let drawn: Vec<Vec<BTreeMap<String, String>>> = cells.iter().enumerate().map(of_cell).collect();
+    let keys: BTreeSet<&String> = drawn.iter().flatten().flat_map(BTreeMap::keys).collect();
+    let mut header = study.columns(&["video"]);
+    header.extend(keys.iter().map(|key| (*key).clone()));
     header.extend(
         [
             "vehicle",
@@ -163,8 +161,7 @@ pub fn video_table(
         for (at, video) in videos.iter().enumerate() {
             let mut place = study.cell_cells(cell, &all[cell]);
             place.push(at.to_string());
-            let drawn = drawn_of(cell, at);
-            place.extend(keys.iter().map(|key| drawn.get(key).cloned().unwrap_or_default()));
+            place.extend(keys.iter().map(|key| drawn[cell][at].get(*key).cloned().unwrap_or_default()));
             let begin = place.len();
             let video = match video {
                 Ok(video) => video,
