@@ -4,17 +4,18 @@ mod esri;
 mod footing;
 mod geotiff;
 mod grid;
+mod rounded;
 
 pub use footing::FootingNoise;
 pub use grid::Grid;
 
 use crate::rules::Rules;
-use nalgebra::{Matrix3x2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3x2, Point3, Vector2, Vector3};
 use std::sync::Arc;
 
 /// The constants of the terrain.
 pub fn constants() -> Vec<Rules> {
-    vec![grid::BorderRules::PAGE, footing::FootingRules::PAGE]
+    vec![grid::BorderRules::PAGE, footing::FootingRules::PAGE, rounded::EdgeRules::PAGE]
 }
 
 /// A terrain model in the frame of the world, z up. A clone is cheap.
@@ -36,8 +37,8 @@ pub struct Ground {
     pub height_m: f64,
     /// Derivative of the height by x and y.
     pub slope: Vector2<f64>,
-    /// Second derivative of the height, by x and by y \[1/m\]. Those by one of them twice are zero.
-    pub twist_per_m: f64,
+    /// Second derivatives of the height by x and y \[1/m\].
+    pub bend_per_m: Matrix2<f64>,
 }
 
 /// There is no ground at a place; x and y in the world \[m\].
@@ -99,23 +100,16 @@ impl Terrain {
     pub fn at(&self, x_m: f64, y_m: f64) -> Result<Ground, NoGround> {
         match self {
             Terrain::Plane { z_m } => {
-                Ok(Ground { height_m: *z_m, slope: Vector2::zeros(), twist_per_m: 0.0 })
+                Ok(Ground { height_m: *z_m, slope: Vector2::zeros(), bend_per_m: Matrix2::zeros() })
             }
             Terrain::Grid(grid) => grid.at(x_m, y_m),
         }
     }
 
-    /// The same where the ground is known, and up to some metres beyond its border the ground continued from there,
-    /// without a jump: for a minimiser, whose steps must be able to cross it. `None` farther off.
-    pub fn continued_at(&self, x_m: f64, y_m: f64) -> Option<Ground> {
-        match self {
-            Terrain::Plane { .. } => self.at(x_m, y_m).ok(),
-            Terrain::Grid(grid) => grid.continued_at(x_m, y_m),
-        }
-    }
-
-    /// The ground that bears a vehicle: as [`Terrain::continued_at`], and where a grid is fine and noisy, that of local
-    /// fits to it, whose noise is [`Terrain::footing_noise`].
+    /// The ground that bears a vehicle: the same with the edges between the cells of a grid rounded over half a metre,
+    /// and where a grid is fine and noisy, that of local fits to it, whose noise is [`Terrain::footing_noise`]. Up to
+    /// some metres beyond its border the ground is continued from there, without a jump: for a minimiser, whose steps
+    /// must be able to cross it. `None` farther off.
     pub fn footing_at(&self, x_m: f64, y_m: f64) -> Option<Ground> {
         match self {
             Terrain::Plane { .. } => self.at(x_m, y_m).ok(),
@@ -166,8 +160,8 @@ impl Ground {
     pub fn normal_by_place(&self) -> Matrix3x2<f64> {
         let upwards = Vector3::new(-self.slope.x, -self.slope.y, 1.0);
         let normal = upwards.normalize();
-        // d upwards: the slope by x changes with y alone, that by y with x alone.
-        let change = Matrix3x2::new(0.0, -self.twist_per_m, -self.twist_per_m, 0.0, 0.0, 0.0);
+        let mut change = Matrix3x2::zeros();
+        change.fixed_view_mut::<2, 2>(0, 0).copy_from(&-self.bend_per_m);
         (change - normal * (normal.transpose() * change)) / upwards.norm()
     }
 }
@@ -196,7 +190,7 @@ pub(crate) mod tests {
 
     #[test]
     fn a_normal_is_square_to_the_slope() {
-        let ground = Ground { height_m: 0.0, slope: Vector2::new(0.1, -0.3), twist_per_m: 0.0 };
+        let ground = Ground { height_m: 0.0, slope: Vector2::new(0.1, -0.3), bend_per_m: Matrix2::zeros() };
         for along in [Vector3::new(1.0, 0.0, 0.1), Vector3::new(0.0, 1.0, -0.3)] {
             assert!(ground.normal().dot(&along).abs() < 1e-15);
         }
@@ -205,17 +199,23 @@ pub(crate) mod tests {
     #[test]
     fn derivatives_are_those_of_differences() {
         let terrain = hills();
-        let at = |x, y| terrain.at(x, y).unwrap();
-        for (x, y) in [(-18.7, 3.3), (0.5, 0.4), (11.9, -7.1), (19.1, 18.9)] {
+        let as_it_is = |x, y| terrain.at(x, y).unwrap();
+        let rounded = |x, y| terrain.footing_at(x, y).unwrap();
+        derivatives_of(&as_it_is);
+        derivatives_of(&rounded);
+    }
+
+    fn derivatives_of(at: &dyn Fn(f64, f64) -> Ground) {
+        for (x, y) in [(-18.7, 3.3), (0.7, 0.4), (0.2, 3.9), (11.9, -7.1), (19.1, 18.9)] {
             let (ground, h) = (at(x, y), 1e-5);
             for (axis, [dx, dy]) in [[h, 0.0], [0.0, h]].into_iter().enumerate() {
                 let (after, before) = (at(x + dx, y + dy), at(x - dx, y - dy));
                 let slope = (after.height_m - before.height_m) / (2.0 * h);
-                assert!((slope - ground.slope[axis]).abs() < 1e-9);
-                let twist = (after.slope[1 - axis] - before.slope[1 - axis]) / (2.0 * h);
-                assert!((twist - ground.twist_per_m).abs() < 1e-9 && twist.abs() > 1e-3);
+                assert!((slope - ground.slope[axis]).abs() < 1e-8);
+                let bend = (after.slope - before.slope) / (2.0 * h);
+                assert!((bend - ground.bend_per_m.column(axis)).norm() < 1e-8 && bend.norm() > 1e-3);
                 let turn = (after.normal() - before.normal()) / (2.0 * h);
-                assert!((turn - ground.normal_by_place().column(axis)).norm() < 1e-9);
+                assert!((turn - ground.normal_by_place().column(axis)).norm() < 1e-8);
             }
         }
     }
