@@ -22,6 +22,7 @@ use crate::network::{CommonCause, Source};
 use crate::refine::Network;
 use nalgebra::{DMatrix, Point3, Vector3};
 use trackbundle_solver::covariance::{Covariance, Undamped};
+use trackbundle_solver::system::GroupId;
 
 /// By what the standard deviations of a source are multiplied that is left out.
 const LEFT_OUT: f64 = 1e5;
@@ -232,14 +233,15 @@ pub fn leave_out(
 ) {
     for source in sources {
         let groups: Vec<_> = network.model.groups_of(*source).collect();
-        let before: Vec<f64> = groups.iter().map(|group| network.model.system.sigma_factor(*group)).collect();
+        let factors = |group: &GroupId| network.model.system.sigma_factors(*group).to_vec();
+        let before: Vec<Vec<f64>> = groups.iter().map(factors).collect();
         for group in &groups {
             network.model.system.set_sigma_factor(*group, LEFT_OUT);
         }
         let without = Undamped::new(&network.model.system, &network.values)
             .map(|mut undamped| directions(network, a, &undamped.times(a)));
-        for (group, factor) in groups.iter().zip(before) {
-            network.model.system.set_sigma_factor(*group, factor);
+        for (group, factors) in groups.iter().zip(before) {
+            network.model.system.set_sigma_factors(*group, &factors);
         }
         for scale in scales.iter_mut() {
             let sigma = match &without {

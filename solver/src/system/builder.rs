@@ -102,7 +102,7 @@ impl SystemBuilder {
         }
         let decides = |m: &Measurement<R, ROWS, BLOCKS>| m.blocks.iter().any(|b| blocks[b.0].is_free());
         let kept = measurements.into_iter().filter(decides).collect();
-        self.groups.push(Box::new(Group { name, loss, sigma_factor: 1.0, measurements: kept }));
+        self.groups.push(Box::new(Group { name, loss, sigma_factors: [1.0; ROWS], measurements: kept }));
         GroupId(self.groups.len() - 1)
     }
 

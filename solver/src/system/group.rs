@@ -28,7 +28,8 @@ pub struct Measurement<R, const ROWS: usize, const BLOCKS: usize> {
 pub(super) struct Group<R, const ROWS: usize, const BLOCKS: usize> {
     pub name: &'static str,
     pub loss: Loss,
-    pub sigma_factor: f64,
+    /// Of the standard deviations of each row.
+    pub sigma_factors: [f64; ROWS],
     pub measurements: Vec<Measurement<R, ROWS, BLOCKS>>,
 }
 
@@ -57,8 +58,9 @@ pub(super) trait AnyGroup: Send + Sync {
     fn manifolds(&self) -> &'static [Manifold];
     fn loss(&self) -> Loss;
     fn set_loss(&mut self, loss: Loss);
-    fn set_sigma_factor(&mut self, factor: f64);
-    fn sigma_factor(&self) -> f64;
+    /// As many as a measurement has rows.
+    fn set_sigma_factors(&mut self, factors: &[f64]);
+    fn sigma_factors(&self) -> &[f64];
     /// Whitened residuals of the items from `first` on, as many as `out` has room for; NaN where the geometry is
     /// impossible.
     fn residuals_from(&self, first: usize, layout: &Layout, values: &Values, out: &mut [f64]);
@@ -115,8 +117,8 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
     ) -> Option<SVector<f64, ROWS>> {
         let x = measurement.blocks.map(|block| layout.value(values, block));
         let mut residual = measurement.residual.evaluate(&x, jacobian)?;
-        for (value, sigma) in residual.iter_mut().zip(measurement.sigma) {
-            *value /= sigma * self.sigma_factor;
+        for ((value, sigma), factor) in residual.iter_mut().zip(measurement.sigma).zip(self.sigma_factors) {
+            *value /= sigma * factor;
         }
         residual.iter().all(|v| v.is_finite()).then_some(residual)
     }
@@ -144,7 +146,7 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> Group<R,
         if root == 0.0 {
             return None;
         }
-        let factor = SVector::from(measurement.sigma.map(|s| root / (s * self.sigma_factor)));
+        let factor = SVector::from_fn(|row, _| root / (measurement.sigma[row] * self.sigma_factors[row]));
         let flat = self.loss.flatness(squared, least_flatness).sqrt();
         let along =
             if flat < 1.0 { residual * ((1.0 - flat).sqrt() / squared.sqrt()) } else { SVector::zeros() };
@@ -368,13 +370,14 @@ impl<const ROWS: usize, const BLOCKS: usize, R: Residual<ROWS, BLOCKS>> AnyGroup
         self.loss = loss;
     }
 
-    fn set_sigma_factor(&mut self, factor: f64) {
-        assert!(factor > 0.0 && factor.is_finite(), "sigma factor of {}: {factor}", self.name);
-        self.sigma_factor = factor;
+    fn set_sigma_factors(&mut self, factors: &[f64]) {
+        let are_factors = factors.iter().all(|factor| *factor > 0.0 && factor.is_finite());
+        assert!(are_factors, "sigma factors of {}: {factors:?}", self.name);
+        self.sigma_factors.copy_from_slice(factors);
     }
 
-    fn sigma_factor(&self) -> f64 {
-        self.sigma_factor
+    fn sigma_factors(&self) -> &[f64] {
+        &self.sigma_factors
     }
 
     fn residuals_from(&self, first: usize, layout: &Layout, values: &Values, out: &mut [f64]) {

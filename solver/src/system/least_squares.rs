@@ -88,12 +88,23 @@ impl System {
 
     /// Multiplies every standard deviation of a group by `factor` (1 at first).
     pub fn set_sigma_factor(&mut self, group: GroupId, factor: f64) {
-        self.groups[group.0].set_sigma_factor(factor);
+        let factors = vec![factor; self.sigma_factors(group).len()];
+        self.groups[group.0].set_sigma_factors(&factors);
     }
 
-    /// What multiplies the standard deviations of a group.
+    /// The same for each row of its measurements by itself.
+    pub fn set_sigma_factors(&mut self, group: GroupId, factors: &[f64]) {
+        self.groups[group.0].set_sigma_factors(factors);
+    }
+
+    /// What multiplies the standard deviations of a group: those of the first row of its measurements.
     pub fn sigma_factor(&self, group: GroupId) -> f64 {
-        self.groups[group.0].sigma_factor()
+        self.sigma_factors(group)[0]
+    }
+
+    /// What multiplies the standard deviations of each row of the measurements of a group.
+    pub fn sigma_factors(&self, group: GroupId) -> &[f64] {
+        self.groups[group.0].sigma_factors()
     }
 
     /// The true robust cost.

@@ -135,6 +135,20 @@ fn a_group_can_be_weighed_anew() {
     system.set_sigma_factor(GroupId(2), 2.0);
     assert!((squares(&system) - before / 4.0).abs() < 1e-12 * before);
     assert_eq!(system.sigma_factor(GroupId(2)), 2.0);
+    // A row by itself: its residuals alone become less.
+    let residuals = |system: &System| system.residuals(GroupId(2), system.start());
+    let all = residuals(&system);
+    let rows = system.sigma_factors(GroupId(2)).len();
+    let mut factors = vec![2.0; rows];
+    factors[rows - 1] = 6.0;
+    system.set_sigma_factors(GroupId(2), &factors);
+    for (before, after) in all.into_iter().flatten().zip(residuals(&system).into_iter().flatten()) {
+        let wanted: Vec<f64> = before.iter().zip(&factors).map(|(r, factor)| r * 2.0 / factor).collect();
+        assert!(
+            wanted.iter().zip(&after).all(|(a, b)| (a - b).abs() < 1e-12 * a.abs()),
+            "{wanted:?} {after:?}"
+        );
+    }
 }
 
 #[test]
