@@ -75,16 +75,17 @@ impl Pulls {
         let mut gradient = DVector::zeros(size);
         for group in network.model.groups_of(Source::Convention) {
             // By what they weighed at the minimum.
-            gradient += gradient_of(network, covariance, group) * network.model.weight_before(group);
+            gradient +=
+                gradient_of(network, covariance, group, |_| true) * network.model.weight_before(group);
         }
         let conventions = times(covariance, gradient);
         let estimated = network.model.motion.estimated_groups();
         let mut of = |body: &Body| -> Vec<DVector<f64>> {
-            let own = estimated.iter().filter(|(of, _)| *of == body).map(|(_, group)| *group);
-            own.filter(|group| network.model.system.rows(*group) > 0)
-                .map(|group| {
+            let own = estimated.iter().filter(|(of, ..)| *of == body).map(|(_, group, rows)| (*group, *rows));
+            own.filter(|(group, _)| network.model.system.rows(*group) > 0)
+                .map(|(group, tells)| {
                     let (_, redundancy, _) = of_group(network, covariance, group);
-                    let step = times(covariance, gradient_of(network, covariance, group));
+                    let step = times(covariance, gradient_of(network, covariance, group, |row| tells[row]));
                     step * (2.0 / (2.0 * redundancy.max(LEAST_REDUNDANCY)).sqrt())
                 })
                 .collect()
@@ -123,13 +124,19 @@ const MOST_SIGMA_M: f64 = 1.0;
 /// A strength is not known worse than this redundancy says.
 const LEAST_REDUNDANCY: f64 = 0.5;
 
-/// `J^T r` of a group that is no image points, whitened.
-fn gradient_of(network: &Network, covariance: &Covariance<'_>, group: GroupId) -> DVector<f64> {
+/// `J^T r` of these rows of each measurement of a group that is no image points, whitened.
+fn gradient_of(
+    network: &Network,
+    covariance: &Covariance<'_>,
+    group: GroupId,
+    takes_part: impl Fn(usize) -> bool,
+) -> DVector<f64> {
     let system = &network.model.system;
     let mut gradient = DVector::zeros(system.size());
     let residuals = system.residuals(group, &network.values);
     for (residual, seen) in residuals.into_iter().zip(covariance.jacobians(group)) {
-        let Some(residual) = residual.map(DVector::from_vec) else { continue };
+        let Some(mut residual) = residual.map(DVector::from_vec) else { continue };
+        residual.iter_mut().enumerate().for_each(|(row, r)| *r *= f64::from(u8::from(takes_part(row))));
         for (block, jacobian) in seen {
             let Some(range) = system.range_of(block) else { continue };
             let mut rows = gradient.rows_mut(range.start, range.len());

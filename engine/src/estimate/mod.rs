@@ -80,12 +80,14 @@ pub struct VehicleEstimate {
     pub left_out: Option<LeftOut>,
 }
 
-/// What rays say of the depth of a point.
+/// What rays say of the depth of a point at the start, and what is known of it in the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
     /// Where it is.
     Known,
-    /// Something, less than that it is on the body.
+    /// Nothing, but other knowledge does, better than that it is on a car.
+    Told,
+    /// Nothing, and perhaps other knowledge does.
     Weak,
     /// Nothing.
     Open,

@@ -3,9 +3,10 @@
 use super::datum::Treatment;
 use super::sink::{Owner, Sink};
 use crate::estimate::{Estimate, ReceiverEstimate};
-use crate::problem::{Known, Problem, Receiver, Role};
+use crate::problem::{Known, Problem, Receiver, Role, Vehicle};
 use crate::residuals::antenna_position::RECEIVER;
 use crate::residuals::row_image_point::INTERIOR_BLOCK;
+use crate::stats::quantile::upper_median;
 use nalgebra::Point3;
 use trackbundle_solver::manifold::{Manifold, write_pose};
 use trackbundle_solver::system::BlockId;
@@ -35,6 +36,20 @@ pub struct VehicleBlocks {
     pub points: Vec<Option<BlockId>>,
     /// Of a car: rear axle.
     pub axle: Option<BlockId>,
+    /// The point that its motion is told of.
+    pub middle: Option<MiddleBlock>,
+}
+
+/// The point of a vehicle that its motion is told of: one of its shape that lies in the middle of what is seen. It has
+/// a block of its own, beside what image points see, so that vehicles can be eliminated one by one.
+#[derive(Clone, Copy, Debug)]
+pub struct MiddleBlock {
+    /// Its own block.
+    pub block: BlockId,
+    /// Which point of the shape it is.
+    pub point: usize,
+    /// Where that is in the vehicle frame \[m\].
+    pub place: Point3<f64>,
 }
 
 /// The blocks of a receiver.
@@ -89,6 +104,14 @@ pub fn add_blocks(
             let block = add_point(sink, Owner::Point(at, index), point, &shape_point.known);
             blocks.vehicles[at].points.push(block);
         }
+        blocks.vehicles[at].middle =
+            middle_of_what_is_seen(vehicle, &estimate.points, &blocks.vehicles[at].points).map(
+                |(point, place)| {
+                    let block =
+                        sink.block(Owner::Middle(at), Manifold::POINT, place.coords.as_slice(), &[true; 3]);
+                    MiddleBlock { block, point, place }
+                },
+            );
     }
     for (at, (target, point)) in problem.targets.iter().zip(&current.targets).enumerate() {
         let point = point.filter(|_| target.role == Role::Control);
@@ -106,6 +129,22 @@ pub fn add_blocks(
     });
     blocks.receivers = add_receivers(sink, problem, current);
     blocks
+}
+
+/// The adjusted point that is nearest to the middle of what is seen of a vehicle: of each coordinate of its points, each
+/// as often as it is seen. `None` without points.
+fn middle_of_what_is_seen(
+    vehicle: &Vehicle,
+    points: &[Option<Point3<f64>>],
+    blocks: &[Option<BlockId>],
+) -> Option<(usize, Point3<f64>)> {
+    let seen: Vec<Point3<f64>> =
+        vehicle.observations.iter().filter_map(|observation| points[observation.point]).collect();
+    let middle = |axis: usize| upper_median(seen.iter().map(|point| point[axis]).collect());
+    let middle = Point3::new(middle(0)?, middle(1)?, middle(2)?);
+    let adjusted = points.iter().zip(blocks).enumerate();
+    let adjusted = adjusted.filter_map(|(at, (place, block))| block.and_then(|_| Some((at, (*place)?))));
+    adjusted.min_by(|(_, a), (_, b)| (a - middle).norm().total_cmp(&(b - middle).norm()))
 }
 
 /// Adds a point; a coordinate that is known exactly is held at what it is known to be.

@@ -72,9 +72,10 @@ pub fn pose_motion(direction: &Vector6<f64>, pose: &Pose) -> Vector6<f64> {
 
 /// The frames of all vehicles at `values`, which are those of `estimate`.
 pub fn body_frames(problem: &Problem, estimate: &Estimate, model: &Model, values: &Values) -> Vec<BodyFrame> {
-    // A lever arm says where a point is to its antenna, of which nothing is known either.
-    let arms: Vec<_> = model.groups_of(Source::GnssKnowledge).collect();
-    let normals = model.system.own_normals_without(values, &arms);
+    // A lever arm says where a point is to its antenna, of which nothing is known either; and that two unknowns are one
+    // point says nothing of it.
+    let untold: Vec<_> = model.groups_of(Source::GnssKnowledge).chain([model.middles()]).collect();
+    let normals = model.system.own_normals_without(values, &untold);
     let frame = |vehicle| body_frame(estimate, model, values, &normals, vehicle);
     (0..problem.vehicles.len()).map(frame).collect()
 }

@@ -1,15 +1,16 @@
 //! Priors without information content: they regularise, keep an unknown in its place, or hold a datum that nothing
 //! else holds, and take no part in the statistics.
 
-use super::blocks::Blocks;
+use super::blocks::{Blocks, VehicleBlocks};
 use super::datum;
 use super::selection::Anchors;
 use super::sink::Sink;
 use super::source::Source;
 use crate::estimate::{Depth, Estimate};
 use crate::problem::Problem;
-use crate::residuals::inside_body::{BODY_MIDDLE_M, InsideBody};
+use crate::residuals::inside_body::{BODY_BOX_M, BODY_MIDDLE_M, InsideBody};
 use crate::residuals::known_coordinate::KnownCoordinate;
+use crate::residuals::same_point::SamePoint;
 use trackbundle_solver::system::{GroupId, Measurement};
 
 /// How far beyond the box of a body a point may stick out \[m\].
@@ -18,6 +19,11 @@ const BODY_BOX_SIGMA_M: f64 = 0.1;
 /// By what the usual size of a car is loosened for points whose rays meet: it then moves none of them,
 /// and yet keeps one in its place whose image points are all rejected.
 const LOOSENED: f64 = 1e4;
+/// By what it is loosened for points that are told better: hundreds of these together may be known to a hundredth of it,
+/// and are held by each of them.
+const TOLD: f64 = 10.0;
+/// How far apart two unknowns are that are one point \[m\]: nothing pulls at them that this would not hold.
+const SAME_POINT_SIGMA_M: f64 = 1e-4;
 /// Standard deviation that keeps a tie point whose image points are all rejected \[m\].
 const TIE_POINT_SIGMA_M: f64 = 100.0;
 
@@ -70,21 +76,33 @@ pub fn add_body_boxes(sink: &mut impl Sink, blocks: &Blocks) -> GroupId {
 /// What the size of road vehicles says of points: one whose rays leave its depth open lies about where
 /// a car is. Takes no part in the statistics.
 pub fn add_usual_sizes(sink: &mut impl Sink, start: &Estimate, blocks: &Blocks) -> GroupId {
-    add_places(sink, start, blocks, &|_, _, _| Some(BODY_MIDDLE_M.map(|(middle_m, _)| middle_m)))
+    add_places(sink, start, blocks, &|_, _| Some(BODY_MIDDLE_M.map(|(middle_m, _)| middle_m)))
 }
 
 /// The same in the last least squares, where nothing that is nobody's knowledge may pull: points are held where they are
-/// now. Those of which rays say nothing pull at nothing either, and stay where a car is.
+/// now, or at the side of a road vehicle that they have left.
 pub fn add_present_places(
     sink: &mut impl Sink,
     start: &Estimate,
     current: &Estimate,
     blocks: &Blocks,
 ) -> GroupId {
-    add_places(sink, start, blocks, &|vehicle, point, depth| match depth {
-        Depth::Open => Some(BODY_MIDDLE_M.map(|(middle_m, _)| middle_m)),
-        Depth::Known | Depth::Weak => Some(current.vehicles[vehicle].points[point]?.into()),
+    add_places(sink, start, blocks, &|vehicle, point| {
+        let place = current.vehicles[vehicle].points[point]?;
+        Some(std::array::from_fn(|axis| {
+            let [lower, upper] = BODY_BOX_M[axis];
+            place[axis].clamp(lower, upper)
+        }))
     })
+}
+
+/// By how many half sizes of a car a point is held in its place, as a standard deviation.
+pub fn half_sizes(depth: Depth) -> f64 {
+    match depth {
+        Depth::Known => LOOSENED,
+        Depth::Told => TOLD,
+        Depth::Weak | Depth::Open => 1.0,
+    }
 }
 
 /// Keeps points without depth near a place, by vehicle and point.
@@ -92,17 +110,17 @@ fn add_places(
     sink: &mut impl Sink,
     start: &Estimate,
     blocks: &Blocks,
-    place: &dyn Fn(usize, usize, Depth) -> Option<[f64; 3]>,
+    place: &dyn Fn(usize, usize) -> Option<[f64; 3]>,
 ) -> GroupId {
     let mut rows = Vec::new();
     for (vehicle, (blocks, start)) in blocks.vehicles.iter().zip(&start.vehicles).enumerate() {
         for (point, (block, depth)) in blocks.points.iter().zip(&start.depths).enumerate() {
-            let (Some(block), Some(place_m)) = (*block, place(vehicle, point, *depth)) else { continue };
+            let (Some(block), Some(place_m)) = (*block, place(vehicle, point)) else { continue };
             for (axis, (_, half_size_m)) in BODY_MIDDLE_M.into_iter().enumerate() {
                 rows.push(Measurement {
                     residual: KnownCoordinate { axis, known_m: place_m[axis] },
                     blocks: [block],
-                    sigma: [half_size_m * if *depth == Depth::Known { LOOSENED } else { 1.0 }],
+                    sigma: [half_size_m * half_sizes(*depth)],
                 });
             }
         }
@@ -121,6 +139,17 @@ pub fn add_frames(sink: &mut impl Sink, current: &Estimate, blocks: &Blocks, anc
         }
     }
     sink.squares(Source::Frame, "frame of a body", rows);
+}
+
+/// Says of which point of its shape the motion of a vehicle is told: a definition, no measurement.
+pub fn add_middles(sink: &mut impl Sink, blocks: &Blocks) -> GroupId {
+    let tie = |vehicle: &VehicleBlocks| {
+        let middle = vehicle.middle?;
+        let blocks = [middle.block, vehicle.points[middle.point]?];
+        Some(Measurement { residual: SamePoint, blocks, sigma: [SAME_POINT_SIGMA_M; 3] })
+    };
+    let ties = blocks.vehicles.iter().filter_map(tie).collect();
+    sink.squares(Source::Frame, "point that motion is told of", ties)
 }
 
 /// Keeps tie points where they are should all their image points be rejected. Takes no part in the

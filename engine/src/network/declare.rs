@@ -1,10 +1,11 @@
 //! The network, declared once: all unknowns, all measurements, all that is known, and the conventions, for whoever
 //! wants them.
 
-use super::blocks::{Blocks, add_blocks};
+use super::blocks::{Blocks, MiddleBlock, VehicleBlocks, add_blocks};
 use super::contact::add_contacts;
 use super::conventions::{
-    add_body_boxes, add_frames, add_present_places, add_starting_shapes, add_tie_points, add_usual_sizes,
+    add_body_boxes, add_frames, add_middles, add_present_places, add_starting_shapes, add_tie_points,
+    add_usual_sizes,
 };
 use super::datum::{self, Treatment};
 use super::driving::add_driving;
@@ -16,9 +17,10 @@ use super::selection::{Purpose, Selection};
 use super::sink::Sink;
 use super::starts::{Starting, add_starting_poses};
 use super::warnings::NetworkWarning;
-use crate::estimate::Estimate;
+use crate::estimate::{Estimate, VehicleEstimate};
+use crate::geometry::Pose;
 use crate::problem::Problem;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use trackbundle_solver::system::{BlockId, GroupId};
 
 /// What a network is made from.
@@ -67,6 +69,8 @@ pub struct Declared {
     pub places: GroupId,
     /// What keeps points within a road vehicle.
     pub boxes: GroupId,
+    /// What says which points motion is told of: as many rows as unknowns.
+    pub middles: GroupId,
     /// What is odd.
     pub warnings: Vec<NetworkWarning>,
 }
@@ -84,11 +88,21 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
     let mut datum = add_starting_poses(sink, problem, &starting(declaration), &blocks, declaration.motion);
     let (shapes, shape_rows) = add_starting_shapes(sink, problem, start, &blocks);
     datum.push(shapes);
+    // Where only their own poses hold the cameras, the world has a size that no motion may decide.
+    let is_adrift = datum::cameras_float(problem, declaration.cameras);
+    let counted = counted_vehicles(current, &blocks, is_adrift);
+    let mut seen = vec![vec![false; problem.frames.len()]; problem.vehicles.len()];
+    for &(vehicle, observation) in &images.vehicle_items {
+        seen[vehicle][problem.vehicles[vehicle].observations[observation].frame] = true;
+    }
     let ground = problem.ground.as_ref();
     let ground_shift = ground
-        .map(|ground| add_contacts(sink, problem, ground, current, &blocks, &mut warnings))
+        .map(|ground| {
+            add_contacts(sink, problem, (ground, current), &blocks, (&counted, &seen), &mut warnings)
+        })
         .unwrap_or_default();
     add_frames(sink, current, &blocks, purpose.anchors());
+    let middles = add_middles(sink, &blocks);
     let boxes = add_body_boxes(sink, &blocks);
     let places = match purpose {
         Purpose::Adjustment { .. } => add_usual_sizes(sink, start, &blocks),
@@ -96,7 +110,7 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
         Purpose::Statistics { .. } => add_present_places(sink, start, current, &blocks),
     };
     add_tie_points(sink, problem, current, &blocks);
-    let motion = add_motion(sink, declaration, &blocks);
+    let motion = add_motion(sink, declaration, &blocks, &counted, is_adrift);
     add_driving(sink, problem, &blocks);
     Declared {
         blocks,
@@ -110,6 +124,7 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
         shape_rows,
         places,
         boxes,
+        middles,
         warnings,
     }
 }
@@ -121,7 +136,13 @@ fn starting<'a>(declaration: &Declaration<'a>) -> Starting<'a> {
     Starting { start, now, cameras, vehicles }
 }
 
-fn add_motion(sink: &mut impl Sink, declaration: &Declaration<'_>, blocks: &Blocks) -> Motion {
+fn add_motion(
+    sink: &mut impl Sink,
+    declaration: &Declaration<'_>,
+    blocks: &Blocks,
+    counted: &[Vec<Option<Counted>>],
+    is_adrift: bool,
+) -> Motion {
     let Declaration { problem, current, motion: priors, .. } = *declaration;
     let mut motion = Motion::default();
     let pose = |frame: usize, block: BlockId, counted| TimedPose {
@@ -129,49 +150,62 @@ fn add_motion(sink: &mut impl Sink, declaration: &Declaration<'_>, blocks: &Bloc
         block,
         counted,
     };
-    // Where only their own poses hold the cameras, the world has a size that no motion may decide.
-    let is_adrift = datum::cameras_float(problem, declaration.cameras);
-    let place = |frame: usize| current.camera_poses[frame].translation.vector;
     let seen = if is_adrift { seen_vehicles(current, blocks) } else { Vec::new() };
     let of_camera = |(frame, block): (usize, &BlockId)| {
         let counted = match nearest(&seen, frame) {
-            Some((_, vehicle, at)) => {
-                let distance_m = (at - place(frame)).norm().max(1.0);
-                Counted::FromVehicle { vehicle: *vehicle, distance_m }
+            Some(Seen { vehicle, point, at, .. }) => {
+                let place = Point3::from(current.camera_poses[frame].translation.vector);
+                let distance_m = (at - place).norm().max(1.0);
+                Counted::FromVehicle { vehicle: *vehicle, point: *point, distance_m }
             }
             None => Counted::Metres,
         };
         pose(frame, *block, counted)
     };
     let of_cameras: Vec<TimedPose> = blocks.cameras.iter().enumerate().map(of_camera).collect();
-    motion.add(sink, Body::Camera, &of_cameras, priors.camera, false);
+    motion.add(sink, Body::Camera, &of_cameras, priors.camera, None);
     for (at, (vehicle, own)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
-        let seen = |(frame, block): (usize, &Option<BlockId>)| {
-            let vehicle = current.vehicles[at].poses[frame]?.translation.vector;
-            let distance_m = (vehicle - place(frame)).norm().max(1.0);
-            let counted = match is_adrift {
-                true => Counted::FromCamera { camera: blocks.cameras[frame], distance_m },
-                false => Counted::FromPlace { camera: Point3::from(place(frame)), distance_m },
-            };
-            Some(pose(frame, (*block)?, counted))
-        };
-        let poses: Vec<TimedPose> = own.poses.iter().enumerate().filter_map(seen).collect();
-        let on_ground = problem.ground.is_some();
-        motion.add(sink, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle, on_ground);
+        let timed =
+            |(frame, block): (usize, &Option<BlockId>)| Some(pose(frame, (*block)?, counted[at][frame]?));
+        let poses: Vec<TimedPose> = own.poses.iter().enumerate().filter_map(timed).collect();
+        motion.add(sink, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle, problem.ground.as_ref());
     }
     motion
 }
 
-/// A frame with the pose of a vehicle in it: its block, and where it is \[m\].
-type Seen = (usize, BlockId, Vector3<f64>);
+/// For each vehicle and frame in what its motion is counted there, and its way up and down on the ground; `None` where
+/// it has no pose.
+fn counted_vehicles(current: &Estimate, blocks: &Blocks, is_adrift: bool) -> Vec<Vec<Option<Counted>>> {
+    let of_vehicle = |(found, own): (&VehicleEstimate, &VehicleBlocks)| {
+        let in_frame = |(frame, pose): (usize, &Option<Pose>)| {
+            let (MiddleBlock { block: point, place, .. }, pose) = (own.middle?, (*pose)?);
+            let camera = Point3::from(current.camera_poses[frame].translation.vector);
+            let distance_m = (pose * place - camera).norm().max(1.0);
+            Some(match is_adrift {
+                true => Counted::FromCamera { point, camera: blocks.cameras[frame], distance_m },
+                false => Counted::FromPlace { point, camera, distance_m },
+            })
+        };
+        found.poses.iter().enumerate().map(in_frame).collect()
+    };
+    current.vehicles.iter().zip(&blocks.vehicles).map(of_vehicle).collect()
+}
+
+/// A vehicle in a frame: the block of its pose, that of its point, and where this is \[m\].
+struct Seen {
+    frame: usize,
+    vehicle: BlockId,
+    point: BlockId,
+    at: Point3<f64>,
+}
 
 /// For each frame in which a vehicle has a pose the first of them.
 fn seen_vehicles(current: &Estimate, blocks: &Blocks) -> Vec<Seen> {
     let in_frame = |frame: usize| {
         let mut vehicles = blocks.vehicles.iter().zip(&current.vehicles);
         vehicles.find_map(|(own, found)| {
-            let block = (*own.poses.get(frame)?)?;
-            Some((frame, block, found.poses[frame]?.translation.vector))
+            let (vehicle, MiddleBlock { block: point, place, .. }) = ((*own.poses.get(frame)?)?, own.middle?);
+            Some(Seen { frame, vehicle, point, at: found.poses[frame]? * place })
         })
     };
     (0..current.camera_poses.len()).filter_map(in_frame).collect()
@@ -179,5 +213,5 @@ fn seen_vehicles(current: &Estimate, blocks: &Blocks) -> Vec<Seen> {
 
 /// The one in the frame that is nearest to another.
 fn nearest(seen: &[Seen], frame: usize) -> Option<&Seen> {
-    seen.iter().min_by_key(|(own, ..)| own.abs_diff(frame))
+    seen.iter().min_by_key(|seen| seen.frame.abs_diff(frame))
 }

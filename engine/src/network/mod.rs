@@ -28,6 +28,7 @@ mod warnings;
 
 pub use blocks::{Blocks, ReceiverBlocks, VehicleBlocks};
 pub use body_frame::{BodyFrame, anchored, body_frames, frame_step, point_motion, pose_motion};
+pub use conventions::half_sizes;
 pub use datum::{Treatment, camera_gap, of_cameras, of_vehicle, scale_gap};
 pub use declare::{Declaration, Declared, declare};
 pub use images::Images;

@@ -1,6 +1,6 @@
 //! A network as a least-squares system, and where its unknowns are in it.
 
-use super::blocks::Blocks;
+use super::blocks::{Blocks, VehicleBlocks};
 use super::contact::CONTACT_ROWS;
 use super::datum::{self, Treatment};
 use super::declare::{Declaration, Declared, declare};
@@ -11,8 +11,9 @@ use super::source::Source;
 use super::warnings::NetworkWarning;
 use crate::estimate::Estimate;
 use crate::problem::Problem;
+use crate::residuals::inside_body::BODY_MIDDLE_M;
+use nalgebra::Matrix3;
 use trackbundle_solver::Singular;
-use trackbundle_solver::covariance::Covariance;
 use trackbundle_solver::loss::{Loss, robust_spread_of_many};
 use trackbundle_solver::minimise::Minimiser;
 use trackbundle_solver::system::{Arrangement, BlockId, GroupId, System, SystemBuilder, TimeStep, Values};
@@ -62,6 +63,8 @@ pub struct Model {
     places: GroupId,
     /// What keeps points within a road vehicle.
     boxes: GroupId,
+    /// What says which points motion is told of.
+    middles: GroupId,
     /// Whether it is that of the last least squares.
     is_final: bool,
     blocks: Blocks,
@@ -112,10 +115,21 @@ impl Model {
             shapes: declared.shapes,
             places: declared.places,
             boxes: declared.boxes,
+            middles: declared.middles,
             is_final: matches!(purpose, Purpose::Statistics { .. }),
             blocks,
             receiver_points: problem.receivers.iter().map(|r| (r.vehicle, r.point)).collect(),
         }
+    }
+
+    /// The group that says which points motion is told of.
+    pub fn middles(&self) -> GroupId {
+        self.middles
+    }
+
+    /// How many unknowns are adjusted, each once.
+    pub fn parameters(&self) -> usize {
+        self.system.parameters() - self.system.rows(self.middles)
     }
 
     /// Where the unknowns are.
@@ -157,23 +171,23 @@ impl Model {
         if self.is_final && self.kept().contains(&group) { UNCONVENTIONAL * UNCONVENTIONAL } else { 1.0 }
     }
 
-    /// For each vehicle and point that is held in its place its largest standard deviation over the size of a car, were it
-    /// held hardly at all; `None` where these are too many to be had.
-    pub fn open_places(&mut self, values: &Values) -> Option<Vec<Vec<Option<f64>>>> {
-        let factor = self.system.sigma_factor(self.places);
-        self.system.set_sigma_factor(self.places, UNCONVENTIONAL);
-        let leverages =
-            Covariance::new(&self.system, values).ok().map(|all| all.leverages(self.places).to_vec());
-        self.system.set_sigma_factor(self.places, factor);
-        let mut leverages = leverages?.into_iter();
-        // A row weighs `1 / (factor size)`, so that its leverage is the variance over the square of that.
-        let mut largest = || {
-            let three = leverages.by_ref().take(3).fold(0.0, f64::max);
-            UNCONVENTIONAL * three.sqrt()
+    /// For each vehicle and point its largest standard deviation over half the size of a car, all else taken as known, were
+    /// it held by nothing but what was measured or is known.
+    pub fn open_places(&self, values: &Values) -> Vec<Vec<Option<f64>>> {
+        let held: Vec<GroupId> = self.groups_of(Source::Frame).chain([self.places]).collect();
+        let normals = self.system.own_normals_without(values, &held);
+        let largest = |block: BlockId| -> f64 {
+            let free = self.system.free(block);
+            // In half sizes; what is held exactly has no variance.
+            let normal = Matrix3::from_fn(|i, j| match free[i] && free[j] {
+                true => normals.of(block)[(i, j)] * BODY_MIDDLE_M[i].1 * BODY_MIDDLE_M[j].1,
+                false => f64::from(u8::from(i == j)) / f64::EPSILON,
+            });
+            normal.cholesky().map_or(f64::INFINITY, |factor| factor.inverse().diagonal().max().sqrt())
         };
         let of_vehicle =
-            |points: &Vec<Option<BlockId>>| points.iter().map(|block| block.map(|_| largest())).collect();
-        Some(self.blocks.vehicles.iter().map(|vehicle| &vehicle.points).map(of_vehicle).collect())
+            |vehicle: &VehicleBlocks| vehicle.points.iter().map(|block| block.map(largest)).collect();
+        self.blocks.vehicles.iter().map(of_vehicle).collect()
     }
 
     /// Groups of image points: of vehicles, of targets.
@@ -352,7 +366,8 @@ fn arrange(
         let receivers = problem.receivers.iter().zip(&blocks.receivers);
         let antennas =
             receivers.filter(|(r, _)| r.vehicle == at).filter_map(|(_, own)| Some((*own)?.antenna));
-        let points = vehicle.points.iter().flatten().copied().chain(antennas).collect();
+        let middle = vehicle.middle.map(|middle| middle.block);
+        let points = vehicle.points.iter().flatten().copied().chain(antennas).chain(middle).collect();
         builder.add_rigid_body(points, vehicle.poses.iter().flatten().copied().collect());
     }
     if let Some(open) = blocks.open_camera {

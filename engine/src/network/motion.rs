@@ -12,11 +12,24 @@
 //!
 //! is 1 where the strength is right. The trace is the mean of `z^T J H^-1 J^T z` over vectors `z` of
 //! random signs (Hutchinson 1990), drawn from a fixed seed.
+//!
+//! Of a vehicle on the ground that is the motion along the ground and the yaw. Its height and its lean follow the
+//! ground, whose errors of standard deviation `s` last for a time `tau`. They do so smoothly: a process of this standard
+//! deviation that is white in its acceleration (in its jerk), and is forgotten at the rate `l = 2 / tau`, is driven by
+//! noise of the strength
+//!
+//! ```text
+//! s sqrt(4 l^3)          jerk: s sqrt(16/3 l^5)          (Matern processes of order 3/2 and 5/2)
+//! ```
+//!
+//! So much their motion has besides: held to less, a body that leans as the contact allows makes a weak scale
+//! collapse.
 
 use super::sink::Sink;
 use super::source::Source;
+use crate::problem::GroundKnowledge;
 use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
-use crate::residuals::scale_free::{ScaleFree, ScaleFreeSeen};
+use crate::residuals::scale_free::{Counting, PointMotion, ScaleFree, ScaleFreeFrom, ScaleFreeSeen};
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
 use crate::residuals::twist::LinearAcceleration;
 pub use crate::trajectory::{Order, Strengths};
@@ -76,6 +89,8 @@ fn first_strengths(body: &Body, order: Order) -> Strengths {
     };
     Strengths { linear, angular }
 }
+/// More than this of the lean against the ground is no motion, but a slope that is not known \[rad\].
+const MOST_LEAN_RAD: f64 = 0.0175;
 /// An estimate stays within these factors of its start: a body at rest has no smallest strength.
 const FACTOR_BOUNDS: (f64, f64) = (1e-3, 1e2);
 /// Fewest rows, and least redundancy in them, from which a strength is estimated.
@@ -121,22 +136,28 @@ pub struct TimedPose {
 pub enum Counted {
     /// In metres, along the axes of the world.
     Metres,
-    /// Of a camera: in distances from a vehicle wherever that goes, along the axes of the world.
+    /// Of a camera: in distances from a point of a vehicle wherever that goes, along the axes of the world.
     FromVehicle {
         /// The pose of the vehicle.
         vehicle: BlockId,
+        /// The point.
+        point: BlockId,
         /// About how far away it is \[m\].
         distance_m: f64,
     },
-    /// In distances from where the camera is held, along the axes of the body.
+    /// That of a point of a vehicle in distances from where the camera is held, along the axes of the body.
     FromPlace {
+        /// The point.
+        point: BlockId,
         /// The place of the camera.
         camera: Point3<f64>,
         /// About how far away it is \[m\].
         distance_m: f64,
     },
-    /// In distances from the camera wherever it goes, along the axes of the body.
+    /// That of a point of a vehicle in distances from the camera wherever it goes, along the axes of the body.
     FromCamera {
+        /// The point.
+        point: BlockId,
         /// The pose of the camera.
         camera: BlockId,
         /// About how far away it is \[m\].
@@ -153,8 +174,10 @@ pub struct Motion {
 struct Component {
     body: Body,
     group: GroupId,
-    /// The strength at a sigma factor of 1.
+    /// The strength at first.
     first: f64,
+    /// What height and lean have besides, for their motion.
+    of_ground: f64,
     is_rotation: bool,
     order: Order,
     is_estimated: bool,
@@ -165,6 +188,22 @@ struct Component {
 }
 
 impl Component {
+    /// What the strength is multiplied by.
+    fn factor(&self, system: &System) -> f64 {
+        let factors = system.sigma_factors(self.group).iter().zip(self.telling);
+        factors.filter(|(_, tells)| *tells).map(|(factor, _)| *factor).next().unwrap_or(1.0)
+    }
+
+    fn set_factor(&self, system: &mut System, factor: f64) {
+        let of_others = (factor * self.first).hypot(self.of_ground) / self.first.hypot(self.of_ground);
+        let factors = self.telling.map(|tells| if tells { factor } else { of_others });
+        system.set_sigma_factors(self.group, &factors);
+    }
+
+    fn is_to_be_estimated(&self, system: &System) -> bool {
+        self.is_estimated && system.rows(self.group) >= LEAST_ROWS
+    }
+
     /// Whitened rows that say how strong it is, one measurement after the other.
     fn telling_rows(&self, system: &System, values: &Values) -> Vec<Vec<f64>> {
         let telling = |rows: Vec<f64>| {
@@ -204,49 +243,90 @@ fn add_accelerations(
     sink: &mut impl Sink,
     source: Source,
     poses: &[TimedPose],
-    first: Strengths,
+    [linear, angular]: [[f64; 3]; 2],
 ) -> [GroupId; 2] {
     let (mut positions, mut rotations) = (Positions::default(), Vec::new());
     for three in poses.windows(3) {
         let [a, b, c] = [&three[0], &three[1], &three[2]];
         let steps = Steps { first_s: b.time_s - a.time_s, second_s: c.time_s - b.time_s };
         let (blocks, root) = ([a.block, b.block, c.block], steps.mean_s().sqrt());
+        // The motion of poses that are held says nothing.
+        if !sink.decides(&blocks) {
+            continue;
+        }
         let motions = (Acceleration(steps), LinearAcceleration(steps));
-        let with = |camera| [a.block, b.block, c.block, camera];
-        positions.add(motions, b.counted, (blocks, &with), [first.linear / root; 3]);
-        let sigma = [first.angular / root; 3];
+        let [one, two, three] = blocks;
+        let with_one = |x| [one, two, three, x];
+        let with_two = |x, y| [one, two, three, x, y];
+        positions.add(
+            motions,
+            b.counted,
+            (blocks, &with_one, &with_two),
+            linear.map(|strength| strength / root),
+        );
+        let sigma = angular.map(|strength| strength / root);
         rotations.push(Measurement { residual: AngularAcceleration(steps), blocks, sigma });
     }
     [positions.into_group(sink, source), sink.squares(source, ATTITUDE, rotations)]
 }
 
-fn add_jerks(sink: &mut impl Sink, source: Source, poses: &[TimedPose], first: Strengths) -> [GroupId; 2] {
+fn add_jerks(
+    sink: &mut impl Sink,
+    source: Source,
+    poses: &[TimedPose],
+    [linear, angular]: [[f64; 3]; 2],
+) -> [GroupId; 2] {
     let (mut positions, mut rotations) = (Positions::default(), Vec::new());
     for four in poses.windows(4) {
         let step = |at: usize| four[at + 1].time_s - four[at].time_s;
         let steps = FourSteps { first_s: step(0), second_s: step(1), third_s: step(2) };
         let blocks = [0, 1, 2, 3].map(|at| four[at].block);
+        if !sink.decides(&blocks) {
+            continue;
+        }
         let root = steps.mean_s().sqrt();
         let [a, b, c, d] = blocks;
         let motions = (Jerk(steps), LinearJerk(steps));
-        let with = |camera| [a, b, c, d, camera];
-        positions.add(motions, four[1].counted, (blocks, &with), [first.linear / root; 3]);
-        let sigma = [first.angular / root; 3];
+        let with_one = |x| [a, b, c, d, x];
+        let with_two = |x, y| [a, b, c, d, x, y];
+        positions.add(
+            motions,
+            four[1].counted,
+            (blocks, &with_one, &with_two),
+            linear.map(|strength| strength / root),
+        );
+        let sigma = angular.map(|strength| strength / root);
         rotations.push(Measurement { residual: AngularJerk(steps), blocks, sigma });
     }
     [positions.into_group(sink, source), sink.squares(source, ATTITUDE, rotations)]
 }
 
-/// Motion of positions, by how it is counted: in the world `A`, in the axes of the body `B`, over `N` poses, or over
-/// these and one of what it is counted from (`L`). All rows of a body are counted alike.
-struct Positions<A, B, const N: usize, const L: usize> {
-    in_metres: Vec<Measurement<A, 3, N>>,
-    from_vehicle: Vec<Measurement<ScaleFreeSeen<A>, 3, L>>,
-    from_place: Vec<Measurement<ScaleFree<B>, 3, N>>,
-    from_camera: Vec<Measurement<ScaleFreeSeen<B>, 3, L>>,
+/// How strong the motion of height and of lean is of a body that follows the ground as the contact allows.
+fn strengths_of_contact(ground: &GroundKnowledge, order: Order, poses: &[TimedPose]) -> [f64; 2] {
+    let [Some(first), Some(last)] = [poses.first(), poses.last()] else { return [0.0; 2] };
+    let step_s = (last.time_s - first.time_s) / (poses.len() - 1).max(1) as f64;
+    let lasts_s = ground.correlation_s.max(step_s);
+    if lasts_s <= 0.0 {
+        return [0.0; 2];
+    }
+    let rate = 2.0 / lasts_s;
+    let by_sigma = match order {
+        Order::Acceleration => (4.0 * rate.powi(3)).sqrt(),
+        Order::Jerk => (16.0 / 3.0 * rate.powi(5)).sqrt(),
+    };
+    [ground.sigma_m, ground.tilt_sigma_rad.min(MOST_LEAN_RAD)].map(|sigma| sigma * by_sigma)
 }
 
-impl<A, B, const N: usize, const L: usize> Default for Positions<A, B, N, L> {
+/// Motion of positions, by how it is counted: in the world `A`, in the axes of the body `B`, over `N` poses, over these
+/// and a point (`P`), and over these and one of what it is counted from (`L`). All rows of a body are counted alike.
+struct Positions<A, B, const N: usize, const P: usize, const L: usize> {
+    in_metres: Vec<Measurement<A, 3, N>>,
+    from_vehicle: Vec<Measurement<ScaleFreeFrom<A>, 3, L>>,
+    from_place: Vec<Measurement<ScaleFree<PointMotion<B>>, 3, P>>,
+    from_camera: Vec<Measurement<ScaleFreeSeen<PointMotion<B>>, 3, L>>,
+}
+
+impl<A, B, const N: usize, const P: usize, const L: usize> Default for Positions<A, B, N, P, L> {
     fn default() -> Self {
         Positions {
             in_metres: Vec::new(),
@@ -257,33 +337,41 @@ impl<A, B, const N: usize, const L: usize> Default for Positions<A, B, N, L> {
     }
 }
 
-impl<A, B, const N: usize, const L: usize> Positions<A, B, N, L>
+/// The poses of a motion; these and one more block; these and two more.
+type MotionBlocks<'a, const N: usize, const P: usize, const L: usize> =
+    ([BlockId; N], &'a dyn Fn(BlockId) -> [BlockId; P], &'a dyn Fn(BlockId, BlockId) -> [BlockId; L]);
+
+impl<A, B, const N: usize, const P: usize, const L: usize> Positions<A, B, N, P, L>
 where
     A: Residual<3, N> + 'static,
     B: Residual<3, N> + 'static,
-    ScaleFreeSeen<A>: Residual<3, L>,
-    ScaleFreeSeen<B>: Residual<3, L>,
+    PointMotion<B>: Residual<3, P>,
+    ScaleFreeFrom<A>: Residual<3, L>,
+    ScaleFreeSeen<PointMotion<B>>: Residual<3, L>,
 {
     fn add(
         &mut self,
         (in_world, in_body): (A, B),
         counted: Counted,
-        (blocks, with_other): ([BlockId; N], &dyn Fn(BlockId) -> [BlockId; L]),
+        (blocks, with_one, with_two): MotionBlocks<'_, N, P, L>,
         sigma: [f64; 3],
     ) {
+        // The second pose is where the motion is.
+        let counting = |distance_m| Counting { rows: 3, pose: 1, distance_m };
         match counted {
             Counted::Metres => self.in_metres.push(Measurement { residual: in_world, blocks, sigma }),
-            Counted::FromVehicle { vehicle, distance_m } => {
-                let residual = ScaleFreeSeen { motion: in_world, distance_m };
-                self.from_vehicle.push(Measurement { residual, blocks: with_other(vehicle), sigma });
+            Counted::FromVehicle { vehicle, point, distance_m } => {
+                let residual = ScaleFreeFrom { of: in_world, counting: counting(distance_m) };
+                self.from_vehicle.push(Measurement { residual, blocks: with_two(vehicle, point), sigma });
             }
-            Counted::FromPlace { camera, distance_m } => {
-                let residual = ScaleFree { motion: in_body, camera, distance_m };
-                self.from_place.push(Measurement { residual, blocks, sigma });
+            Counted::FromPlace { point, camera, distance_m } => {
+                let (of, counting) = (PointMotion(in_body), counting(distance_m));
+                let residual = ScaleFree { of, counting, camera };
+                self.from_place.push(Measurement { residual, blocks: with_one(point), sigma });
             }
-            Counted::FromCamera { camera, distance_m } => {
-                let residual = ScaleFreeSeen { motion: in_body, distance_m };
-                self.from_camera.push(Measurement { residual, blocks: with_other(camera), sigma });
+            Counted::FromCamera { point, camera, distance_m } => {
+                let residual = ScaleFreeSeen { of: PointMotion(in_body), counting: counting(distance_m) };
+                self.from_camera.push(Measurement { residual, blocks: with_two(point, camera), sigma });
             }
         }
     }
@@ -308,7 +396,7 @@ const ATTITUDE: &str = "smooth attitude";
 impl Motion {
     /// Adds the prior of a body with these poses in time order.
     ///
-    /// Of a vehicle `on_ground` only its motion along the ground and its yaw say how strong motion is. Its height
+    /// Of a vehicle on the ground only its motion along the ground and its yaw say how strong motion is. Its height
     /// and its lean are held by the contact, whose rows observe nothing: they say that a height is zero that is not,
     /// and would make all motion look weaker than it is.
     pub fn add(
@@ -317,7 +405,7 @@ impl Motion {
         body: Body,
         poses: &[TimedPose],
         prior: MotionPrior,
-        on_ground: bool,
+        ground: Option<&GroundKnowledge>,
     ) {
         let (order, first, is_estimated) = match prior {
             MotionPrior::Off => return,
@@ -328,25 +416,29 @@ impl Motion {
             Body::Camera => Source::CameraMotion,
             Body::Vehicle(_) => Source::VehicleMotion,
         };
-        let [positions, rotations] = match order {
-            Order::Acceleration => add_accelerations(sink, source, poses, first),
-            Order::Jerk => add_jerks(sink, source, poses, first),
+        let of_ground = ground.map_or([0.0; 2], |ground| strengths_of_contact(ground, order, poses));
+        let telling = match ground {
+            None => [[true; 3]; 2],
+            Some(_) => [[true, true, false], [false, false, true]],
         };
-        for (group, first, is_rotation) in
-            [(positions, first.linear, false), (rotations, first.angular, true)]
-        {
+        let first = [first.linear, first.angular];
+        let strengths = [0, 1].map(|part| {
+            telling[part].map(|tells| if tells { first[part] } else { first[part].hypot(of_ground[part]) })
+        });
+        let groups = match order {
+            Order::Acceleration => add_accelerations(sink, source, poses, strengths),
+            Order::Jerk => add_jerks(sink, source, poses, strengths),
+        };
+        for part in [0, 1] {
             self.components.push(Component {
                 body: body.clone(),
-                group,
-                first,
-                is_rotation,
+                group: groups[part],
+                first: first[part],
+                of_ground: of_ground[part],
+                is_rotation: part == 1,
                 order,
                 is_estimated,
-                telling: match (on_ground, is_rotation) {
-                    (false, _) => [true; 3],
-                    (true, false) => [true, true, false],
-                    (true, true) => [false, false, true],
-                },
+                telling: telling[part],
                 last: None,
             });
         }
@@ -357,14 +449,15 @@ impl Motion {
         self.components.iter().any(|c| c.is_estimated)
     }
 
-    /// The groups whose strength is estimated, and whose motion each is.
-    pub fn estimated_groups(&self) -> Vec<(&Body, GroupId)> {
-        self.components.iter().filter(|c| c.is_estimated).map(|c| (&c.body, c.group)).collect()
+    /// The groups whose strength is estimated, whose motion each is, and which rows say how strong.
+    pub fn estimated_groups(&self) -> Vec<(&Body, GroupId, [bool; 3])> {
+        let estimated = self.components.iter().filter(|c| c.is_estimated);
+        estimated.map(|c| (&c.body, c.group, c.telling)).collect()
     }
 
     /// The present strengths.
     pub fn strengths(&self, system: &System) -> Vec<BodyStrength> {
-        let of = |c: &Component| c.first * system.sigma_factor(c.group);
+        let of = |c: &Component| c.first * c.factor(system);
         self.components
             .chunks_exact(2)
             .filter(|pair| pair.iter().any(|c| system.rows(c.group) > 0))
@@ -381,7 +474,7 @@ impl Motion {
     pub fn copy(&self, system: &mut System, other: &Motion, other_system: &System) {
         for (component, other) in self.components.iter().zip(&other.components) {
             debug_assert_eq!((component.is_rotation, &component.body), (other.is_rotation, &other.body));
-            system.set_sigma_factor(component.group, other_system.sigma_factor(other.group));
+            component.set_factor(system, other.factor(other_system));
         }
     }
 
@@ -390,17 +483,18 @@ impl Motion {
     /// positions have two thirds of its variance, and a sixth in common with their neighbours. What an adjustment
     /// sees of them is slow, and has all of it.)
     pub fn set_by_truth(&self, system: &mut System, values: &Values) {
-        let estimated =
-            self.components.iter().filter(|c| c.is_estimated && system.rows(c.group) >= LEAST_ROWS);
-        for component in estimated.collect::<Vec<_>>() {
+        for component in &self.components {
+            if !component.is_to_be_estimated(system) {
+                continue;
+            }
             let rows = component.telling_rows(system, values);
             let count = rows.iter().map(Vec::len).sum::<usize>() as f64;
             let square: f64 = rows.iter().flatten().map(|v| v * v).sum();
             let product = |pair: &[Vec<f64>]| pair[0].iter().zip(&pair[1]).map(|(a, b)| a * b).sum::<f64>();
             let with_next: f64 = rows.windows(2).map(product).sum();
             let variance = ((square + 2.0 * with_next) / count).max(0.0);
-            let factor = system.sigma_factor(component.group) * variance.sqrt();
-            system.set_sigma_factor(component.group, factor.clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1));
+            let factor = component.factor(system) * variance.sqrt();
+            component.set_factor(system, factor.clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1));
         }
     }
 
@@ -411,11 +505,8 @@ impl Motion {
         minimiser: &mut Minimiser,
         values: &Values,
     ) -> Result<f64, Singular> {
-        let mut estimated: Vec<&mut Component> = self
-            .components
-            .iter_mut()
-            .filter(|c| c.is_estimated && system.rows(c.group) >= LEAST_ROWS)
-            .collect();
+        let mut estimated: Vec<&mut Component> =
+            self.components.iter_mut().filter(|c| c.is_to_be_estimated(system)).collect();
         if estimated.is_empty() {
             return Ok(1.0);
         }
@@ -462,11 +553,11 @@ impl Motion {
             let log_factor = 0.5 * (squares / redundancy).ln();
             let power = component.power(log_factor);
             component.last = Some((log_factor, power));
-            let before = system.sigma_factor(component.group);
+            let before = component.factor(system);
             // Far below the data nothing would be left to tell the strength from.
             let step = (power * log_factor).max(log_factor.min(-MOST_DROP));
             let after = (before * step.exp()).clamp(FACTOR_BOUNDS.0, FACTOR_BOUNDS.1);
-            system.set_sigma_factor(component.group, after);
+            component.set_factor(system, after);
             largest = largest.max(after / before).max(before / after);
         }
         Ok(largest)
@@ -538,7 +629,7 @@ mod tests {
             };
             let timed: Vec<TimedPose> = blocks.iter().enumerate().map(timed).collect();
             let mut motion = Motion::default();
-            motion.add(&mut sink, Body::Camera, &timed, MotionPrior::Estimated(Order::Acceleration), false);
+            motion.add(&mut sink, Body::Camera, &timed, MotionPrior::Estimated(Order::Acceleration), None);
             let mut system = sink.builder.build();
             let mut minimiser = Minimiser::new(&system).unwrap();
             let mut values = system.start().clone();

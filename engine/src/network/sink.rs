@@ -18,6 +18,8 @@ pub enum Owner {
     Axle(usize),
     /// A point of a vehicle.
     Point(usize, usize),
+    /// The point of a vehicle that its motion is told of.
+    Middle(usize),
     /// A target.
     Target(usize),
     /// The bias of the terrain.

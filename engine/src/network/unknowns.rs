@@ -24,6 +24,11 @@ impl Model {
                 }
             }
             self.set_points(&mut values, &blocks.points, &estimate.points);
+            if let Some((middle, place)) =
+                blocks.middle.and_then(|m| Some((m.block, estimate.points[m.point]?)))
+            {
+                self.system.set_value(&mut values, middle, place.coords.as_slice());
+            }
             if let Some(axle) = blocks.axle {
                 self.system.set_value(&mut values, axle, &estimate.axle);
             }

@@ -23,6 +23,15 @@ const LEAST_TURN: f64 = 1e-6;
 
 /// Puts the frames of all bodies where they belong.
 pub fn settle(problem: &Problem, estimate: &mut Estimate, frames: &[BodyFrame]) {
+    put(problem, estimate, frames, true);
+}
+
+/// Once more, after bodies were moved in their frames; axes that look where a body drives stay as they are.
+pub fn settle_again(problem: &Problem, estimate: &mut Estimate, frames: &[BodyFrame]) {
+    put(problem, estimate, frames, false);
+}
+
+fn put(problem: &Problem, estimate: &mut Estimate, frames: &[BodyFrame], finds_axes: bool) {
     let mut receivers = std::mem::take(&mut estimate.receivers);
     for (at, (vehicle, found)) in problem.vehicles.iter().zip(&mut estimate.vehicles).enumerate() {
         if found.left_out.is_some() {
@@ -34,7 +43,8 @@ pub fn settle(problem: &Problem, estimate: &mut Estimate, frames: &[BodyFrame]) 
             let moved = as_given(problem, vehicle, found, &frames[at]);
             turn_arms(&moved.rotation.inverse());
         } else if !is_known(vehicle) {
-            if let Some(turned) = look_where_it_drives(found, vehicle.is_car) {
+            let turned = if finds_axes { look_where_it_drives(found, vehicle.is_car) } else { None };
+            if let Some(turned) = turned {
                 turn_arms(&turned.inverse());
             }
             origin_in_the_middle(found, problem.ground.is_some());
@@ -51,15 +61,6 @@ pub fn take_along(before: &Estimate, moved: &mut Estimate, known: &[Vec<Option<P
         let new_from_old = new_from_old.unwrap_or_else(Pose::identity);
         for (point, known) in moved.points.iter_mut().zip(known) {
             *point = point.or(known.map(|known| new_from_old * known));
-        }
-    }
-}
-
-/// Puts the origins of bodies back into their middle where that is where they belong.
-pub fn centre(problem: &Problem, estimate: &mut Estimate) {
-    for (vehicle, found) in problem.vehicles.iter().zip(&mut estimate.vehicles) {
-        if found.left_out.is_none() && is_in_the_middle(vehicle) {
-            origin_in_the_middle(found, problem.ground.is_some());
         }
     }
 }

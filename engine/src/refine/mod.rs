@@ -40,7 +40,7 @@ pub use warnings::{AdjustmentWarning, NoSolution};
 
 use crate::estimate::{Depth, Estimate};
 use crate::initialise::{BODY_MIDDLE_M, is_inside, start_anew};
-use crate::network::{Anchors, NetworkOptions, Purpose, anchored, body_frames, start_clocks};
+use crate::network::{Anchors, NetworkOptions, Purpose, anchored, body_frames, half_sizes, start_clocks};
 pub use crate::network::{
     Body, BodyStrength, MotionPrior, Order, Source, Strengths, camera_gap, frame_step, point_motion,
     pose_motion, scale_gap,
@@ -198,21 +198,12 @@ fn pull_of_places(start: &Estimate, held_at: &Estimate, now: &Estimate) -> f64 {
     for ((start, held_at), now) in start.vehicles.iter().zip(&held_at.vehicles).zip(&now.vehicles) {
         let places = held_at.points.iter().zip(&now.points);
         for (depth, places) in start.depths.iter().zip(places) {
-            let (Depth::Weak, (Some(before), Some(after))) = (depth, places) else { continue };
-            let moved = after - before;
+            let (Depth::Told | Depth::Weak, (Some(before), Some(after))) = (depth, places) else { continue };
+            let moved = (after - before) / half_sizes(*depth);
             squares += (0..3).map(|axis| (moved[axis] / BODY_MIDDLE_M[axis].1).powi(2)).sum::<f64>();
         }
     }
     squares.sqrt()
-}
-
-/// An estimate with the points that it lacks from another.
-fn with_points_of(estimate: &Estimate, other: &Estimate) -> Estimate {
-    let mut whole = estimate.clone();
-    for (vehicle, other) in whole.vehicles.iter_mut().zip(&other.vehicles) {
-        vehicle.points.iter_mut().zip(&other.points).for_each(|(point, other)| *point = point.or(*other));
-    }
-    whole
 }
 
 struct Run<'a, 'p> {
@@ -422,7 +413,9 @@ impl<'a, 'p> Run<'a, 'p> {
         let fits = match network {
             // Image points of points that were dropped stay the gross errors that they were.
             Some(_) => {
-                let whole = with_points_of(&estimate, &robust);
+                let mut whole = estimate.clone();
+                let known: Vec<_> = robust.vehicles.iter().map(|vehicle| vehicle.points.clone()).collect();
+                frames::take_along(&robust, &mut whole, &known);
                 Fits::new(problem, &whole, self.loss, self.spread, &self.excluded)
             }
             None => used.clone(),
@@ -515,7 +508,8 @@ impl<'a, 'p> Run<'a, 'p> {
             found.heading_turned = before.heading_turned;
         }
         *estimate = found;
-        frames::centre(self.problem, estimate);
+        let open = body_frames(self.problem, estimate, &model, &model.values(estimate));
+        frames::settle_again(self.problem, estimate, &open);
         let values = model.values(estimate);
         let frames = body_frames(self.problem, estimate, &model, &values)
             .into_iter()
@@ -554,43 +548,48 @@ impl<'a, 'p> Run<'a, 'p> {
         frames: &[BodyFrame],
     ) -> Result<Option<Minimum>, TooLarge> {
         let RoundSchedule { least_pull, settling_share, least_squares_decrease, .. } = *self.schedule;
-        let (mut held_at, mut pull_before, mut last) = (held_at.clone(), f64::INFINITY, None);
-        self.leave_open(start);
-        for _ in 0..self.schedule.most_lettings_go {
-            let now = self.model.estimate(self.problem, self.start, &self.values);
-            let pull = pull_of_places(start, &held_at, &now);
-            // Where it does not become less, nothing else tells these places.
-            let goes_on = pull > least_pull && pull < settling_share * pull_before && now.is_finite();
-            if !goes_on {
+        let mut now = self.model.estimate(self.problem, self.start, &self.values);
+        let mut pull = pull_of_places(start, held_at, &now);
+        let mut last = None;
+        for round in 0..self.schedule.most_lettings_go {
+            if pull <= least_pull || !now.is_finite() {
                 break;
+            }
+            if round == 0 {
+                self.tell_depths(start);
             }
             // What has left the body has no depth that is worth the name.
             for (held, now) in start.vehicles.iter_mut().zip(&now.vehicles) {
                 for (depth, place) in held.depths.iter_mut().zip(&now.points) {
                     let is_outside = place.is_some_and(|place| !is_inside(&place));
-                    if *depth == Depth::Weak && is_outside {
+                    if matches!(*depth, Depth::Told | Depth::Weak) && is_outside {
                         *depth = Depth::Open;
                     }
                 }
             }
             self.begin_least_squares(start, &now, accepted, frames)?;
-            (held_at, pull_before) = (now, pull);
+            let held_at = now;
             let most = self.schedule.least_squares_iterations;
             last = Some(self.round("least squares, let go", least_squares_decrease, most));
+            now = self.model.estimate(self.problem, self.start, &self.values);
+            let pull_before = std::mem::replace(&mut pull, pull_of_places(start, &held_at, &now));
+            // Where it does not become less, nothing else tells these places.
+            if round > 0 && pull > settling_share * pull_before {
+                break;
+            }
         }
         Ok(last)
     }
 
-    /// Of points whose depth is weak, those that nothing tells better than that they are on a car.
-    fn leave_open(&mut self, start: &mut Estimate) {
-        if !start.vehicles.iter().any(|vehicle| vehicle.depths.contains(&Depth::Weak)) {
-            return;
-        }
-        let Some(sizes) = self.model.open_places(&self.values) else { return };
-        for (vehicle, sizes) in start.vehicles.iter_mut().zip(sizes) {
-            for (depth, size) in vehicle.depths.iter_mut().zip(sizes) {
-                if *depth == Depth::Weak && size.is_none_or(|size| size > self.schedule.most_open_size) {
-                    *depth = Depth::Open;
+    /// Of points whose depth is weak tells those that other knowledge tells better than that they are on a car from those
+    /// that nothing does.
+    fn tell_depths(&self, start: &mut Estimate) {
+        let sizes = self.model.open_places(&self.values);
+        for (at, vehicle) in start.vehicles.iter_mut().enumerate() {
+            for (point, depth) in vehicle.depths.iter_mut().enumerate() {
+                if *depth == Depth::Weak {
+                    let is_told = sizes[at][point].is_some_and(|size| size <= self.schedule.most_open_size);
+                    *depth = if is_told { Depth::Told } else { Depth::Open };
                 }
             }
         }
@@ -602,7 +601,7 @@ impl<'a, 'p> Run<'a, 'p> {
         let schedule = self.schedule;
         let (certain, [least, most]) = (schedule.reweighted_factor, schedule.reweighted_within);
         let rows = self.model.image_rows(&self.values);
-        let unknowns = self.model.system.parameters();
+        let unknowns = self.model.parameters();
         let factors = self.model.image_factors();
         let is_other = |(factor, (rows, squares)): (&f64, &(usize, f64))| {
             // Redundancy is at most that, and at least this.

@@ -103,7 +103,7 @@ impl Statistics {
         Statistics {
             observations: prior_rows + images.iter().map(|i| i.0).sum::<usize>(),
             // What is held of frames is no unknown.
-            parameters: model.system.parameters() - frames.iter().map(|f| f.anchors.len()).sum::<usize>(),
+            parameters: model.parameters() - frames.iter().map(|f| f.anchors.len()).sum::<usize>(),
             squares: prior_squares + images.iter().map(|i| i.1).sum::<f64>(),
         }
     }

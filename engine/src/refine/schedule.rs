@@ -40,7 +40,7 @@ rules! {
         /// 1e5 it leaves less than a tenth of a standard deviation in the worst direction.
         least_squares_decrease: f64 = 5e-8, "share of the cost";
         /// A point whose depth was open is let go where it is told better than by so many half sizes of a car.
-        most_open_size: f64 = 1.0, "half sizes";
+        most_open_size: f64 = 0.5, "half sizes";
         /// Where conventions may pull by more than this, they are put where things are by then ...
         least_pull: f64 = 0.05, "sigma";
         /// ... as long as each time makes it less by this ...

@@ -26,6 +26,7 @@ pub mod known_distance;
 pub mod no_side_slip;
 pub mod pose_prior;
 pub mod row_image_point;
+pub mod same_point;
 pub mod scale_free;
 pub mod smooth_motion;
 mod steps;

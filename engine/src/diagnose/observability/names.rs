@@ -161,7 +161,7 @@ pub fn by_weight(all: &Coordinates, perturbation: &DVector<f64>) -> Kind {
                     };
                 }
             }
-            Owner::Bias => {}
+            Owner::Bias | Owner::Middle(_) => {}
             Owner::Interior | Owner::Readout | Owner::Axle(_) | Owner::Antenna(_) | Owner::Receiver(_) => {
                 if weight > heaviest_number.0 {
                     let square = |at: usize| perturbation[start + at].powi(2);

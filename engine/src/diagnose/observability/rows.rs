@@ -99,6 +99,9 @@ struct Examination {
 
 impl Sink for Examination {
     fn block(&mut self, owner: Owner, manifold: Manifold, value: &[f64], free: &[bool]) -> BlockId {
+        // A second block of a point that is there already.
+        let held = vec![false; free.len()];
+        let free = if matches!(owner, Owner::Middle(_)) { &held } else { free };
         self.all.add(owner, free);
         self.values.push(value.to_vec());
         self.ids.add_block(manifold, value, free)
