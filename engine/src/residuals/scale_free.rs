@@ -64,7 +64,7 @@ impl Counting {
         SVector::from_fn(|row, _| if row < self.rows { factor.value * value[row] } else { value[row] })
     }
 
-    /// Adds to a Jacobian of what is not yet counted what comes from the factor, in blocks from `column` on.
+    /// Adds to a block of the Jacobian what comes from the derivatives of the factor by its first unknowns.
     fn apply<const ROWS: usize, const BLOCKS: usize, const N: usize>(
         &self,
         value: &SVector<f64, ROWS>,
@@ -77,6 +77,7 @@ impl Counting {
         }
     }
 
+    /// Makes the Jacobian of a residual that of its counted rows, the factor taken as constant.
     fn multiply<const ROWS: usize, const BLOCKS: usize>(
         &self,
         jacobian: &mut Jacobian<ROWS, BLOCKS>,
