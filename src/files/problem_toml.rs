@@ -133,7 +133,7 @@ id = "car2"
         assert_eq!(settings.vehicle_pose_sigma.rotation_rad, [half, half, Some(2_f64.to_radians())]);
         assert_eq!(settings.vehicle_pose_sigma.position_m, Some(0.0));
         let ground = settings.ground.unwrap();
-        assert_eq!((ground.sigma_m, ground.correlation_s, ground.bias_sigma_m), (0.02, 1.0, 0.0));
+        assert_eq!((ground.sigma_m, ground.correlation_s, ground.bias_sigma_m), (0.02, None, 0.0));
         assert_eq!(settings.vehicles[0].height, Some(Known { value_m: 1.5, sigma_m: 0.1 }));
         assert_eq!(settings.vehicles[1].id, "car2");
         assert!(settings.vehicles[0].is_car && !settings.vehicles[1].is_car);

@@ -114,7 +114,9 @@ impl Ride<'_> {
         let ahead_m = -self.settings.rear_axle_m;
         x[0] += cos * ahead_m - sin * side_m;
         y[0] += sin * ahead_m + cos * side_m;
+        // A body does not turn at once at the border of a cell.
         let ground = world.terrain.at(x[0], y[0])?;
+        let ground = world.terrain.footing_at(x[0], y[0]).unwrap_or(ground);
         let [height, mut roll, mut pitch] = [0, 1, 2].map(|k| self.bumps[k].at(time_s)[0]);
         let h = 0.5 * FINE as f64 / world.scenario.video.rate_hz;
         let speed = |t: f64| {
@@ -501,7 +503,7 @@ impl World {
             ground: terrain.is_known.then(|| GroundKnowledge {
                 terrain: self.known_terrain(errors),
                 sigma_m: terrain.sigma_m,
-                correlation_s: terrain.correlation_s,
+                correlation_s: Some(terrain.correlation_s),
                 bias_sigma_m: terrain.bias_sigma_m,
                 tilt_sigma_rad: terrain.tilt_sigma_deg.to_radians(),
             }),

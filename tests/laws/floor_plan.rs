@@ -17,7 +17,7 @@ const ENGINE: &[(u32, &str, &[&str])] = &[
     (2, "cloud", &["geometry", "stats"]),
     (2, "terrain", &["geometry", "rules", "stats"]),
     (3, "trajectory", &["geometry", "stats"]),
-    (3, "problem", &["camera", "terrain", "geometry"]),
+    (3, "problem", &["camera", "terrain", "geometry", "rules"]),
     (4, "residuals", &["camera", "terrain", "geometry"]),
     (4, "estimate", &["problem", "camera", "geometry", "trajectory"]),
     (
@@ -37,6 +37,7 @@ const ENGINE: &[(u32, &str, &[&str])] = &[
             "camera",
             "terrain",
             "geometry",
+            "rules",
             "stats",
         ],
     ),

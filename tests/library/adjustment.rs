@@ -485,7 +485,8 @@ fn a_point_without_a_good_image_point_gets_no_coordinates_and_stops_nothing() {
 fn points_whose_depth_is_open_stay_within_a_car() {
     // Three frames of a standing car: every ray is nearly parallel to the next.
     let slow = Drive { frames: 3, ..Default::default() };
-    let (problem, truth) = problem(&slow);
+    let (mut problem, truth) = problem(&slow);
+    problem.ground.as_mut().unwrap().correlation_s = Some(1.0);
     let start = start(&problem);
     assert!(start.vehicles[0].depths.iter().filter(|depth| **depth == Depth::Open).count() > 20);
     let (end, _) = adjust(&problem);

@@ -162,7 +162,7 @@ fn problem(vehicles: Vec<Vehicle>) -> Problem {
     let ground = GroundKnowledge {
         terrain: Terrain::Plane { z_m: 0.0 },
         sigma_m: 0.02,
-        correlation_s: 1.0,
+        correlation_s: Some(1.0),
         bias_sigma_m: 0.0,
         tilt_sigma_rad: 0.05,
     };

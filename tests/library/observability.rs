@@ -152,7 +152,7 @@ fn build(plan: &Plan, rng: &mut ChaCha8Rng) -> Scene {
         ground: plan.has_ground.then(|| GroundKnowledge {
             terrain: Terrain::Plane { z_m: 0.0 },
             sigma_m: 0.02,
-            correlation_s: 1.0,
+            correlation_s: Some(1.0),
             bias_sigma_m: if rng.random() { 0.05 } else { 0.0 },
             tilt_sigma_rad: 0.05,
         }),

@@ -225,3 +225,25 @@ fn a_rough_grid_claims_no_more_than_a_smooth_one() {
     // Each has heights of its own.
     assert!(rough > 0.9 * smooth, "{smooth} {rough}");
 }
+
+/// Nothing that is listed knows the scale of this car, but the relief under it does. Where it started pulls nothing.
+#[test]
+fn a_start_does_not_draw_a_scale_that_relief_knows() {
+    let scenario = "format = 1\nname = \"relief\"\nseed = 14\n[camera]\npreset = \"dji-mini-2\"\n[film]\nframes = 60\n\
+        rate_hz = 10.0\n[flight]\naltitude_m = 50.0\ntilt_deg = 30.0\nazimuth_deg = 209.5\n[terrain]\ngrid = \"hills.asc\"\n\
+        cell_m = 0.5\nnoise_m = 0.0\ntilt_sigma_deg = 1.5\n[[vehicle]]\nid = \"car1\"\nspeed_mps = 9.3\npoints = 40\n\
+        heading_deg = 91.6\n[targets]\ncount = 10\nspread_m = 20.0\n[vehicle_poses]\ngiven = \"none\"\n";
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("problems/scenarios");
+    let scenario = parse("relief.toml", scenario, &folder).unwrap_or_else(|findings| panic!("{findings}"));
+    let world = World::new(scenario, None).unwrap_or_else(|findings| panic!("{findings}"));
+    for run in 0..2 {
+        let video = world.video(Chance::Run(run)).unwrap_or_else(|findings| panic!("{findings}"));
+        let (adjusted, diagnosis) = adjusted(&video.problem);
+        let scale = size(&adjusted.estimate.vehicles[0].points) / size(&video.truth.vehicles[0].points) - 1.0;
+        let sigma = diagnosis.scales[0].sigma;
+        let pull = diagnosis.pulls.iter().find(|pull| pull.cause == PullCause::Conventions).unwrap();
+        println!("scale {:.2} of its sigma {sigma:.4}, {pull:?}", scale / sigma);
+        assert!(sigma < 0.02 && scale.abs() < 3.0 * sigma, "{scale} at {sigma}");
+        assert!(pull.largest() < 0.1, "{pull:?}");
+    }
+}

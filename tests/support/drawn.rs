@@ -198,7 +198,7 @@ impl Film {
             ground: Some(GroundKnowledge {
                 terrain: Terrain::Plane { z_m: 0.0 },
                 sigma_m: self.ground_m,
-                correlation_s: self.correlation_s,
+                correlation_s: Some(self.correlation_s),
                 bias_sigma_m: 0.0,
                 tilt_sigma_rad: self.tilt_rad,
             }),

@@ -309,7 +309,7 @@ impl Flight {
             ground: Some(GroundKnowledge {
                 terrain: Terrain::Plane { z_m: 0.0 },
                 sigma_m: self.terrain_m,
-                correlation_s: CORRELATION_S,
+                correlation_s: Some(CORRELATION_S),
                 bias_sigma_m: self.terrain_bias_m,
                 tilt_sigma_rad: TILT_RAD,
             }),
@@ -373,7 +373,7 @@ pub fn write(problem: &Problem, folder: &std::path::Path, extra_toml: &str) {
         problem.camera_pose_sigma.rotation_rad[0].unwrap().to_degrees(),
         problem.vehicle_pose_sigma.position_m.unwrap(),
         ground.sigma_m,
-        ground.correlation_s,
+        CORRELATION_S,
         ground.bias_sigma_m,
         ground.tilt_sigma_rad.to_degrees(),
     );

@@ -28,28 +28,28 @@ const SAME_POINT_SIGMA_M: f64 = 1e-4;
 const TIE_POINT_SIGMA_M: f64 = 100.0;
 
 /// Standard deviation of the starting shape as a whole, where nothing else knows the scale \[m\].
-const STARTING_SHAPE_SIGMA_M: f64 = 0.2;
+pub const STARTING_SHAPE_SIGMA_M: f64 = 0.2;
 
 /// Standard deviation of a coordinate that holds an open direction of the frame of a body \[m\]: about that of a
 /// point, so that the system stays well conditioned. It has no effect on what is transformed to inner constraints.
 const ANCHOR_SIGMA_M: f64 = 0.01;
 
 /// Where nothing fixes the scale of a vehicle, its origin and its shape would drift apart along the
-/// rays: the starting shape holds it where it is, with the weight of one observation.
+/// rays: its shape in `held` keeps it where it is, with the weight of one observation.
 pub fn add_starting_shapes(
     sink: &mut impl Sink,
     problem: &Problem,
-    start: &Estimate,
+    held: &Estimate,
     blocks: &Blocks,
 ) -> (GroupId, usize) {
     let mut rows = Vec::new();
     let mut numbers = 0;
-    for ((vehicle, blocks), start) in problem.vehicles.iter().zip(&blocks.vehicles).zip(&start.vehicles) {
+    for ((vehicle, blocks), held) in problem.vehicles.iter().zip(&blocks.vehicles).zip(&held.vehicles) {
         if datum::scale_gap(problem, vehicle).is_none() {
             continue;
         }
         let points: Vec<_> =
-            blocks.points.iter().zip(&start.points).filter_map(|(b, p)| Some(((*b)?, (*p)?))).collect();
+            blocks.points.iter().zip(&held.points).filter_map(|(b, p)| Some(((*b)?, (*p)?))).collect();
         let sigma_m = STARTING_SHAPE_SIGMA_M * (points.len() as f64).sqrt();
         numbers += if points.is_empty() { 0 } else { 3 };
         for (block, point) in points {

@@ -2,15 +2,16 @@
 //! wants them.
 
 use super::blocks::{Blocks, MiddleBlock, VehicleBlocks, add_blocks};
-use super::contact::add_contacts;
+use super::contact::{add_contacts, contacts_last_s};
 use super::conventions::{
     add_body_boxes, add_frames, add_middles, add_present_places, add_starting_shapes, add_tie_points,
     add_usual_sizes,
 };
 use super::datum::{self, Treatment};
 use super::driving::add_driving;
+use super::highest::{Highest, highest_points};
 use super::images::{Images, add_images};
-use super::knowledge::{add_camera_knowledge, add_knowledge, highest_points};
+use super::knowledge::{add_camera_knowledge, add_knowledge};
 use super::motion::{Body, Counted, Motion, MotionPriors, TimedPose};
 use super::receivers::add_receivers;
 use super::selection::{Purpose, Selection};
@@ -19,7 +20,7 @@ use super::starts::{Starting, add_starting_poses};
 use super::warnings::NetworkWarning;
 use crate::estimate::{Estimate, VehicleEstimate};
 use crate::geometry::Pose;
-use crate::problem::Problem;
+use crate::problem::{GroundKnowledge, Problem};
 use nalgebra::Point3;
 use trackbundle_solver::system::{BlockId, GroupId};
 
@@ -50,8 +51,8 @@ pub struct Declared {
     pub blocks: Blocks,
     /// Image points.
     pub images: Images,
-    /// Index of the highest point of each vehicle whose height is known.
-    pub highest_points: Vec<Option<usize>>,
+    /// What stands for the highest point of each vehicle whose height is known.
+    pub highest_points: Vec<Option<Highest>>,
     /// For each GNSS position that takes part: receiver and position.
     pub gnss_items: Vec<(usize, usize)>,
     /// What a shift of the ground by one standard deviation does to the first row of contacts, whitened: of
@@ -81,12 +82,16 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
     let mut warnings = Vec::new();
     let blocks = add_blocks(sink, problem, current, declaration.cameras, declaration.vehicles);
     let images = add_images(sink, problem, current, &blocks, declaration.selection);
-    let highest_points = highest_points(problem, current);
+    let highest_points = highest_points(problem, current, &images.vehicle_items);
     add_knowledge(sink, problem, &blocks, &highest_points);
     add_camera_knowledge(sink, problem, blocks.open_camera);
     let gnss_items = add_receivers(sink, problem, current, &blocks, purpose, &mut warnings);
     let mut datum = add_starting_poses(sink, problem, &starting(declaration), &blocks, declaration.motion);
-    let (shapes, shape_rows) = add_starting_shapes(sink, problem, start, &blocks);
+    let held = match purpose {
+        Purpose::Statistics { .. } if problem.may_have_relief() => current,
+        _ => start,
+    };
+    let (shapes, shape_rows) = add_starting_shapes(sink, problem, held, &blocks);
     datum.push(shapes);
     // Where only their own poses hold the cameras, the world has a size that no motion may decide.
     let is_adrift = datum::cameras_float(problem, declaration.cameras);
@@ -95,10 +100,12 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
     for &(vehicle, observation) in &images.vehicle_items {
         seen[vehicle][problem.vehicles[vehicle].observations[observation].frame] = true;
     }
-    let ground = problem.ground.as_ref();
-    let ground_shift = ground
-        .map(|ground| {
-            add_contacts(sink, problem, (ground, current), &blocks, (&counted, &seen), &mut warnings)
+    let contacts = problem.ground.as_ref().map(|ground| (ground, contacts_last_s(problem, ground, current)));
+    let ground_shift = contacts
+        .as_ref()
+        .map(|(ground, last_s)| {
+            let ground = (*ground, last_s.as_slice());
+            add_contacts(sink, problem, ground, current, &blocks, (&counted, &seen), &mut warnings)
         })
         .unwrap_or_default();
     add_frames(sink, current, &blocks, purpose.anchors());
@@ -110,7 +117,7 @@ pub fn declare(sink: &mut impl Sink, declaration: &Declaration<'_>) -> Declared 
         Purpose::Statistics { .. } => add_present_places(sink, start, current, &blocks),
     };
     add_tie_points(sink, problem, current, &blocks);
-    let motion = add_motion(sink, declaration, &blocks, &counted, is_adrift);
+    let motion = add_motion(sink, declaration, &blocks, &counted, is_adrift, contacts.as_ref());
     add_driving(sink, problem, &blocks);
     Declared {
         blocks,
@@ -142,6 +149,7 @@ fn add_motion(
     blocks: &Blocks,
     counted: &[Vec<Option<Counted>>],
     is_adrift: bool,
+    contacts: Option<&(&GroundKnowledge, Vec<f64>)>,
 ) -> Motion {
     let Declaration { problem, current, motion: priors, .. } = *declaration;
     let mut motion = Motion::default();
@@ -149,6 +157,7 @@ fn add_motion(
         time_s: problem.frames[frame].time_s,
         block,
         counted,
+        ground: None,
     };
     let seen = if is_adrift { seen_vehicles(current, blocks) } else { Vec::new() };
     let of_camera = |(frame, block): (usize, &BlockId)| {
@@ -165,10 +174,17 @@ fn add_motion(
     let of_cameras: Vec<TimedPose> = blocks.cameras.iter().enumerate().map(of_camera).collect();
     motion.add(sink, Body::Camera, &of_cameras, priors.camera, None);
     for (at, (vehicle, own)) in problem.vehicles.iter().zip(&blocks.vehicles).enumerate() {
-        let timed =
-            |(frame, block): (usize, &Option<BlockId>)| Some(pose(frame, (*block)?, counted[at][frame]?));
+        let ground = |frame: usize| {
+            let (ground, place) = (problem.ground.as_ref()?, current.vehicles[at].poses[frame]?.translation);
+            ground.terrain.footing_at(place.x, place.y)
+        };
+        let timed = |(frame, block): (usize, &Option<BlockId>)| {
+            let ground = ground(frame);
+            Some(TimedPose { ground, ..pose(frame, (*block)?, counted[at][frame]?) })
+        };
         let poses: Vec<TimedPose> = own.poses.iter().enumerate().filter_map(timed).collect();
-        motion.add(sink, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle, problem.ground.as_ref());
+        let contact = contacts.map(|(ground, last_s)| (*ground, last_s[at]));
+        motion.add(sink, Body::Vehicle(vehicle.id.clone()), &poses, priors.vehicle, contact);
     }
     motion
 }

@@ -1,9 +1,9 @@
 //! What is known beforehand of points, heights, distances, the terrain as a whole and the camera.
 
 use super::blocks::Blocks;
+use super::highest::Highest;
 use super::sink::Sink;
 use super::source::Source;
-use crate::estimate::{Estimate, VehicleEstimate};
 use crate::problem::{Freedom, Known, Problem};
 use crate::residuals::known_coordinate::{KnownCoordinate, KnownNumber, KnownZero};
 use crate::residuals::known_distance::KnownDistance;
@@ -11,25 +11,6 @@ use trackbundle_solver::system::{BlockId, Measurement};
 
 /// Least standard deviation of a known height of a body \[m\].
 pub const LEAST_HEIGHT_SIGMA_M: f64 = 1e-4;
-
-/// The highest point of each vehicle whose height is known, among those that are seen at least half
-/// as often as most: a point that is hardly seen may lie anywhere.
-pub fn highest_points(problem: &Problem, estimate: &Estimate) -> Vec<Option<usize>> {
-    let of_vehicle = |(vehicle, estimate): (&crate::problem::Vehicle, &VehicleEstimate)| {
-        vehicle.height?;
-        let sightings = vehicle.sightings();
-        let mut sorted = sightings.clone();
-        sorted.sort_unstable();
-        let enough = sorted.get(sorted.len() / 2)? / 2;
-        let height = |point: usize| estimate.points[point].map(|p| (p.z, point));
-        (0..vehicle.points.len())
-            .filter(|point| sightings[*point] >= enough)
-            .filter_map(height)
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, point)| point)
-    };
-    problem.vehicles.iter().zip(&estimate.vehicles).map(of_vehicle).collect()
-}
 
 /// Known coordinates of a point as measurements; one that is known exactly is held and needs none.
 fn coordinates(
@@ -45,7 +26,7 @@ fn coordinates(
 }
 
 /// Adds what is known of targets, of points, heights and distances of bodies, and of the terrain as a whole.
-pub fn add_knowledge(sink: &mut impl Sink, problem: &Problem, blocks: &Blocks, highest: &[Option<usize>]) {
+pub fn add_knowledge(sink: &mut impl Sink, problem: &Problem, blocks: &Blocks, highest: &[Option<Highest>]) {
     let of_targets = problem.targets.iter().zip(&blocks.targets);
     let survey = of_targets.flat_map(|(target, block)| coordinates(*block, &target.known)).collect();
     let (mut points, mut heights) = (Vec::new(), Vec::new());
@@ -53,10 +34,10 @@ pub fn add_knowledge(sink: &mut impl Sink, problem: &Problem, blocks: &Blocks, h
         for (point, block) in vehicle.points.iter().zip(&own.points) {
             points.extend(coordinates(*block, &point.known));
         }
-        let highest = highest.and_then(|point| own.points[point]);
-        if let (Some(block), Some(Known { value_m: known_m, sigma_m })) = (highest, vehicle.height) {
-            let residual = KnownCoordinate { axis: 2, known_m };
-            let sigma = [sigma_m.max(LEAST_HEIGHT_SIGMA_M)];
+        let highest = highest.and_then(|highest| Some((own.points[highest.point]?, highest)));
+        if let (Some((block, highest)), Some(Known { value_m, sigma_m })) = (highest, vehicle.height) {
+            let residual = KnownCoordinate { axis: 2, known_m: value_m + highest.above_m };
+            let sigma = [sigma_m.max(LEAST_HEIGHT_SIGMA_M).hypot(highest.above_sigma_m)];
             heights.push(Measurement { residual, blocks: [block], sigma });
         }
     }

@@ -4,6 +4,7 @@ use super::blocks::{Blocks, VehicleBlocks};
 use super::contact::CONTACT_ROWS;
 use super::datum::{self, Treatment};
 use super::declare::{Declaration, Declared, declare};
+use super::highest::Highest;
 use super::motion::{Motion, MotionPriors, Order};
 use super::selection::{Purpose, Selection};
 use super::sink::SystemSink;
@@ -20,6 +21,9 @@ use trackbundle_solver::system::{Arrangement, BlockId, GroupId, System, SystemBu
 
 /// By what the standard deviations of conventions are multiplied where they must not pass for knowledge.
 const UNCONVENTIONAL: f64 = 100.0;
+/// By what those of starting shapes are in the last least squares, where a relief may know a scale: it then decides it in a
+/// round or two.
+pub const LOOSENED_SHAPES: f64 = 10.0;
 
 /// What of a network a user may choose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +38,8 @@ pub struct NetworkOptions {
 pub struct Model {
     /// The least-squares problem.
     pub system: System,
-    /// Index of the highest point of each vehicle whose height is known.
-    pub highest_points: Vec<Option<usize>>,
+    /// What stands for the highest point of each vehicle whose height is known.
+    pub highest_points: Vec<Option<Highest>>,
     /// The motion priors.
     pub motion: Motion,
     /// What is odd about the datum.
@@ -59,6 +63,8 @@ pub struct Model {
     datum_rows: usize,
     /// Those of starting shapes, where nothing knows the scale.
     shapes: GroupId,
+    /// By what their standard deviations are multiplied in the last least squares.
+    shapes_before: f64,
     /// What keeps points without depth in their places.
     places: GroupId,
     /// What keeps points within a road vehicle.
@@ -113,6 +119,7 @@ impl Model {
             datum,
             datum_rows: pose_rows(&declaration) + declared.shape_rows,
             shapes: declared.shapes,
+            shapes_before: if problem.may_have_relief() { LOOSENED_SHAPES } else { 1.0 },
             places: declared.places,
             boxes: declared.boxes,
             middles: declared.middles,
@@ -159,6 +166,7 @@ impl Model {
     /// vehicle where it is while nothing knows it, points without depth must stay somewhere, and all within a vehicle.
     pub fn loosen_for_least_squares(&mut self) {
         self.loosen_all_but(&self.kept());
+        self.system.set_sigma_factor(self.shapes, self.shapes_before);
     }
 
     /// Conventions that the last least squares keeps.
@@ -168,7 +176,8 @@ impl Model {
 
     /// What a convention weighed in the last least squares over what it weighs now that it is loosened.
     pub fn weight_before(&self, group: GroupId) -> f64 {
-        if self.is_final && self.kept().contains(&group) { UNCONVENTIONAL * UNCONVENTIONAL } else { 1.0 }
+        let before = if group == self.shapes { self.shapes_before } else { 1.0 };
+        if self.is_final && self.kept().contains(&group) { (UNCONVENTIONAL / before).powi(2) } else { 1.0 }
     }
 
     /// For each vehicle and point its largest standard deviation over half the size of a car, all else taken as known, were

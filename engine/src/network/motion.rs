@@ -27,11 +27,12 @@
 
 use super::sink::Sink;
 use super::source::Source;
-use crate::problem::GroundKnowledge;
+use crate::problem::{ContactRules, GroundKnowledge};
 use crate::residuals::jerk::{AngularJerk, FourSteps, Jerk, LinearJerk};
 use crate::residuals::scale_free::{Counting, PointMotion, ScaleFree, ScaleFreeFrom, ScaleFreeSeen};
 use crate::residuals::smooth_motion::{Acceleration, AngularAcceleration, Steps};
 use crate::residuals::twist::LinearAcceleration;
+use crate::terrain::Ground;
 pub use crate::trajectory::{Order, Strengths};
 use nalgebra::Point3;
 use rand::{Rng, SeedableRng};
@@ -89,8 +90,6 @@ fn first_strengths(body: &Body, order: Order) -> Strengths {
     };
     Strengths { linear, angular }
 }
-/// More than this of the lean against the ground is no motion, but a slope that is not known \[rad\].
-const MOST_LEAN_RAD: f64 = 0.0175;
 /// An estimate stays within these factors of its start: a body at rest has no smallest strength.
 const FACTOR_BOUNDS: (f64, f64) = (1e-3, 1e2);
 /// Fewest rows, and least redundancy in them, from which a strength is estimated.
@@ -129,6 +128,8 @@ pub struct TimedPose {
     pub block: BlockId,
     /// In what its motion is counted there; alike for all poses of a body.
     pub counted: Counted,
+    /// The ground under it, where it is known to follow it.
+    pub ground: Option<Ground>,
 }
 
 /// In what the motion of a body is counted.
@@ -301,11 +302,16 @@ fn add_jerks(
     [positions.into_group(sink, source), sink.squares(source, ATTITUDE, rotations)]
 }
 
-/// How strong the motion of height and of lean is of a body that follows the ground as the contact allows.
-fn strengths_of_contact(ground: &GroundKnowledge, order: Order, poses: &[TimedPose]) -> [f64; 2] {
+/// How strong the motion of height and of lean is of a body that follows the ground as the contact allows, and where
+/// that rises and falls.
+fn strengths_of_contact(
+    (ground, lasts_s): (&GroundKnowledge, f64),
+    order: Order,
+    poses: &[TimedPose],
+) -> [f64; 2] {
     let [Some(first), Some(last)] = [poses.first(), poses.last()] else { return [0.0; 2] };
     let step_s = (last.time_s - first.time_s) / (poses.len() - 1).max(1) as f64;
-    let lasts_s = ground.correlation_s.max(step_s);
+    let lasts_s = lasts_s.max(step_s);
     if lasts_s <= 0.0 {
         return [0.0; 2];
     }
@@ -314,7 +320,50 @@ fn strengths_of_contact(ground: &GroundKnowledge, order: Order, poses: &[TimedPo
         Order::Acceleration => (4.0 * rate.powi(3)).sqrt(),
         Order::Jerk => (16.0 / 3.0 * rate.powi(5)).sqrt(),
     };
-    [ground.sigma_m, ground.tilt_sigma_rad.min(MOST_LEAN_RAD)].map(|sigma| sigma * by_sigma)
+    let of_contact = [ground.sigma_m, ground.tilt_sigma_rad.min(ContactRules::DEFAULT.most_lean_rad)];
+    let of_relief = strengths_of_relief(order, poses);
+    [0, 1].map(|part| (of_contact[part] * by_sigma).hypot(of_relief[part]))
+}
+
+/// How strong the motion of height and of lean is of what follows the ground exactly: the root mean square of what it asks
+/// for.
+fn strengths_of_relief(order: Order, poses: &[TimedPose]) -> [f64; 2] {
+    let (mut sums, mut count) = ([0.0; 2], 0.0);
+    let among = match order {
+        Order::Acceleration => 3,
+        Order::Jerk => 4,
+    };
+    for some in poses.windows(among) {
+        let steps: Vec<f64> = some.windows(2).map(|two| two[1].time_s - two[0].time_s).collect();
+        let rate = |two: &[TimedPose]| {
+            let (before, after, step_s) = (two[0].ground?, two[1].ground?, two[1].time_s - two[0].time_s);
+            Some(
+                [
+                    after.slope.x - before.slope.x,
+                    after.slope.y - before.slope.y,
+                    after.height_m - before.height_m,
+                ]
+                .map(|change| change / step_s),
+            )
+        };
+        let Some(rates) = some.windows(2).map(rate).collect::<Option<Vec<_>>>() else { continue };
+        let (weights, mean_s) = match steps[..] {
+            [first_s, second_s, third_s] => {
+                let steps = FourSteps { first_s, second_s, third_s };
+                (steps.weights().to_vec(), steps.mean_s())
+            }
+            _ => {
+                let mean_s = Steps { first_s: steps[0], second_s: steps[1] }.mean_s();
+                (vec![-1.0 / mean_s, 1.0 / mean_s], mean_s)
+            }
+        };
+        let asked =
+            |axis: usize| rates.iter().zip(&weights).map(|(rate, weight)| weight * rate[axis]).sum::<f64>();
+        sums[0] += asked(2).powi(2) * mean_s;
+        sums[1] += 0.5 * (asked(0).powi(2) + asked(1).powi(2)) * mean_s;
+        count += 1.0;
+    }
+    sums.map(|sum| if count > 0.0 { (sum / count).sqrt() } else { 0.0 })
 }
 
 /// Motion of positions, by how it is counted: in the world `A`, in the axes of the body `B`, over `N` poses, over these
@@ -405,7 +454,7 @@ impl Motion {
         body: Body,
         poses: &[TimedPose],
         prior: MotionPrior,
-        ground: Option<&GroundKnowledge>,
+        contact: Option<(&GroundKnowledge, f64)>,
     ) {
         let (order, first, is_estimated) = match prior {
             MotionPrior::Off => return,
@@ -416,8 +465,8 @@ impl Motion {
             Body::Camera => Source::CameraMotion,
             Body::Vehicle(_) => Source::VehicleMotion,
         };
-        let of_ground = ground.map_or([0.0; 2], |ground| strengths_of_contact(ground, order, poses));
-        let telling = match ground {
+        let of_ground = contact.map_or([0.0; 2], |contact| strengths_of_contact(contact, order, poses));
+        let telling = match contact {
             None => [[true; 3]; 2],
             Some(_) => [[true, true, false], [false, false, true]],
         };
@@ -571,7 +620,7 @@ mod tests {
     use crate::geometry::rotation::exp;
     use crate::geometry::{Pose, pose};
     use crate::residuals::pose_prior::PosePrior;
-    use nalgebra::{Rotation3, Vector3};
+    use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
     use trackbundle_solver::manifold::{Manifold, write_pose};
     use trackbundle_solver::minimise::MinimiserOptions;
 
@@ -607,6 +656,35 @@ mod tests {
         poses
     }
 
+    /// Over waves of height `A` and number `k` a body at `v` is asked for `A (k v)^2` at their tops, and for `k` times that
+    /// of its slope; for `k v` times more a second.
+    #[test]
+    fn what_the_ground_asks_for_is_its_bend_along_the_way() {
+        let (height_m, number, speed, step_s) = (0.3_f64, 0.4_f64, 8.0, 0.05);
+        let mut sink = SystemSink::default();
+        let block = sink.builder.add_block(Manifold::Pose, &write_pose(&Pose::identity()), &[true; 6]);
+        let pose = |at: usize| {
+            let x = speed * step_s * at as f64;
+            let ground = Ground {
+                height_m: height_m * (number * x).sin(),
+                slope: Vector2::new(height_m * number * (number * x).cos(), 0.0),
+                bend_per_m: Matrix2::zeros(),
+            };
+            TimedPose { time_s: step_s * at as f64, block, counted: Counted::Metres, ground: Some(ground) }
+        };
+        let poses: Vec<TimedPose> = (0..2000).map(pose).collect();
+        let rate = number * speed;
+        for (order, power) in [(Order::Acceleration, 2), (Order::Jerk, 3)] {
+            let rms = height_m * rate.powi(power) / 2_f64.sqrt() * step_s.sqrt();
+            let [height, lean] = strengths_of_relief(order, &poses);
+            // Of a slope along one of two axes.
+            assert!((height / rms - 1.0).abs() < 0.02, "{order:?}: {height} {rms}");
+            assert!((lean / (rms * number / 2_f64.sqrt()) - 1.0).abs() < 0.02, "{order:?}: {lean}");
+        }
+        let unknown: Vec<TimedPose> = poses.iter().map(|pose| TimedPose { ground: None, ..*pose }).collect();
+        assert_eq!(strengths_of_relief(Order::Acceleration, &unknown), [0.0; 2]);
+    }
+
     #[test]
     fn the_strength_of_simulated_motion_is_found() {
         for strength in [Strengths { linear: 0.2, angular: 0.3 }, Strengths { linear: 3.0, angular: 0.01 }] {
@@ -626,6 +704,7 @@ mod tests {
                 time_s: at as f64 * STEP_S,
                 block: *block,
                 counted: Counted::Metres,
+                ground: None,
             };
             let timed: Vec<TimedPose> = blocks.iter().enumerate().map(timed).collect();
             let mut motion = Motion::default();

@@ -332,7 +332,7 @@ impl Check<'_> {
         }
         for (field, value) in [
             ("sigma_m", sigma_m),
-            ("correlation_s", correlation_s),
+            ("correlation_s", &correlation_s.unwrap_or(0.0)),
             ("bias_sigma_m", bias_sigma_m),
             ("tilt_sigma_rad", tilt_sigma_rad),
         ] {
@@ -439,7 +439,7 @@ mod tests {
         GroundKnowledge {
             terrain: Terrain::Plane { z_m: 0.0 },
             sigma_m: 0.02,
-            correlation_s: 1.0,
+            correlation_s: Some(1.0),
             bias_sigma_m: 0.0,
             tilt_sigma_rad: 0.05,
         }
@@ -506,7 +506,7 @@ mod tests {
         ),
         (|p| p.receivers[0].vehicle = 1, Part::Receiver(0), "vehicle", Wrong::Index { found: 1, count: 1 }),
         (
-            |p| p.ground = Some(GroundKnowledge { correlation_s: -2.0, ..level() }),
+            |p| p.ground = Some(GroundKnowledge { correlation_s: Some(-2.0), ..level() }),
             Part::Ground,
             "correlation_s",
             Wrong::Negative(-2.0),

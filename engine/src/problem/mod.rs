@@ -10,6 +10,7 @@ mod video;
 
 use crate::camera::Camera;
 use crate::geometry::Pose;
+use crate::rules::rules;
 use crate::terrain::Terrain;
 pub use check::{Fault, Faults, Part, Wrong};
 pub use knowledge::{
@@ -178,12 +179,40 @@ pub struct GroundKnowledge {
     pub terrain: Terrain,
     /// How far the origin of a vehicle lies above or below it \[m\].
     pub sigma_m: f64,
-    /// How long such an error lasts \[s\].
-    pub correlation_s: f64,
+    /// How long such an error lasts \[s\]; `None`: as long as ground stays alike along the way of a vehicle
+    /// ([`GroundKnowledge::lasts_s`]).
+    pub correlation_s: Option<f64>,
     /// An error of the terrain that is common to the whole film \[m\].
     pub bias_sigma_m: f64,
     /// Roll and pitch of a vehicle against the slope \[rad\].
     pub tilt_sigma_rad: f64,
+}
+
+rules! {
+    /// How a vehicle rides over its terrain, where nobody says it.
+    pub struct ContactRules {
+        /// Errors of a terrain belong to its places: they last as long as a vehicle needs for this way ...
+        alike_m: f64 = 10.0, "m";
+        /// ... but so long at the least, as springs and tyres take, ...
+        least_s: f64 = 1.0, "s";
+        /// ... and so long at the most, where it hardly moves.
+        most_s: f64 = 10.0, "s";
+        /// A vehicle touches the ground so far from its middle: what is uneven within that is no knowledge of its height
+        /// and its lean ...
+        reach_m: f64 = 1.4, "m";
+        /// ... and one place so far from another is as uneven as that by `exp(-1)`.
+        uneven_m: f64 = 2.8, "m";
+        /// More than this of the lean against the ground is no motion, but a slope that is not known.
+        most_lean_rad: f64 = 0.0175, "rad";
+    }
+}
+
+impl GroundKnowledge {
+    /// How long an error of its contact lasts under a vehicle of this mean speed \[s\].
+    pub fn lasts_s(&self, speed_m_s: f64) -> f64 {
+        let ContactRules { alike_m, least_s, most_s, .. } = ContactRules::DEFAULT;
+        self.correlation_s.unwrap_or_else(|| (alike_m / speed_m_s.max(alike_m / most_s)).max(least_s))
+    }
 }
 
 impl Vehicle {
@@ -265,6 +294,11 @@ impl Vehicle {
 }
 
 impl Problem {
+    /// Whether the ground may rise and fall: it then knows where a vehicle is that drives over it, and so its scale.
+    pub fn may_have_relief(&self) -> bool {
+        self.ground.as_ref().is_some_and(|ground| matches!(ground.terrain, Terrain::Grid(_)))
+    }
+
     /// Whether an image point depends on more than poses and points: rows that are exposed one after
     /// another, or an interior orientation that is adjusted.
     pub fn has_open_camera(&self) -> bool {

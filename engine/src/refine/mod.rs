@@ -40,7 +40,10 @@ pub use warnings::{AdjustmentWarning, NoSolution};
 
 use crate::estimate::{Depth, Estimate};
 use crate::initialise::{BODY_MIDDLE_M, is_inside, start_anew};
-use crate::network::{Anchors, NetworkOptions, Purpose, anchored, body_frames, half_sizes, start_clocks};
+use crate::network::{
+    Anchors, LOOSENED_SHAPES, NetworkOptions, Purpose, STARTING_SHAPE_SIGMA_M, anchored, body_frames,
+    half_sizes, start_clocks,
+};
 pub use crate::network::{
     Body, BodyStrength, MotionPrior, Order, Source, Strengths, camera_gap, frame_step, point_motion,
     pose_motion, scale_gap,
@@ -108,6 +111,8 @@ pub type ProgressSink<'a> = &'a mut dyn FnMut(Progress<'_>);
 /// The constants of the adjustment.
 pub fn constants() -> Vec<Rules> {
     vec![
+        crate::problem::ContactRules::PAGE,
+        crate::network::HighestRules::PAGE,
         RoundSchedule::PAGE,
         gross_errors::GrossErrorRules::PAGE,
         wrong_tracks::WrongTrackRules::PAGE,
@@ -190,11 +195,21 @@ fn statistical(
     Model::new(problem, start, current, options.network(), &accepted.selection(), purpose)
 }
 
-/// By how many standard deviations points whose depth is weak pull at anything at the most, that are held where they were
-/// before they moved: to first order a function of the unknowns is moved by `a^T Q J^T r`, which is at most `|r|` of
-/// its standard deviations.
-fn pull_of_places(start: &Estimate, held_at: &Estimate, now: &Estimate) -> f64 {
+/// By how many standard deviations points whose depth is weak, and shapes whose scale nothing was thought to know, pull at
+/// anything at the most, that are held where they were before they moved: to first order a function of the unknowns is moved
+/// by `a^T Q J^T r`, which is at most `|r|` of its standard deviations.
+fn pull_of_places(problem: &Problem, start: &Estimate, held_at: &Estimate, now: &Estimate) -> f64 {
     let mut squares = 0.0;
+    let of_shapes = problem.vehicles.iter().zip(held_at.vehicles.iter().zip(&now.vehicles));
+    for (_, (held_at, now)) in
+        of_shapes.filter(|(vehicle, _)| problem.may_have_relief() && scale_gap(problem, vehicle).is_some())
+    {
+        let places = held_at.points.iter().zip(&now.points);
+        let moved: Vec<f64> =
+            places.filter_map(|(before, after)| Some(((*after)? - (*before)?).norm_squared())).collect();
+        let mean = moved.iter().sum::<f64>() / moved.len().max(1) as f64;
+        squares += mean / (LOOSENED_SHAPES * STARTING_SHAPE_SIGMA_M).powi(2);
+    }
     for ((start, held_at), now) in start.vehicles.iter().zip(&held_at.vehicles).zip(&now.vehicles) {
         let places = held_at.points.iter().zip(&now.points);
         for (depth, places) in start.depths.iter().zip(places) {
@@ -549,7 +564,7 @@ impl<'a, 'p> Run<'a, 'p> {
     ) -> Result<Option<Minimum>, TooLarge> {
         let RoundSchedule { least_pull, settling_share, least_squares_decrease, .. } = *self.schedule;
         let mut now = self.model.estimate(self.problem, self.start, &self.values);
-        let mut pull = pull_of_places(start, held_at, &now);
+        let mut pull = pull_of_places(self.problem, start, held_at, &now);
         let mut last = None;
         for round in 0..self.schedule.most_lettings_go {
             if pull <= least_pull || !now.is_finite() {
@@ -572,7 +587,8 @@ impl<'a, 'p> Run<'a, 'p> {
             let most = self.schedule.least_squares_iterations;
             last = Some(self.round("least squares, let go", least_squares_decrease, most));
             now = self.model.estimate(self.problem, self.start, &self.values);
-            let pull_before = std::mem::replace(&mut pull, pull_of_places(start, &held_at, &now));
+            let pull_before =
+                std::mem::replace(&mut pull, pull_of_places(self.problem, start, &held_at, &now));
             // Where it does not become less, nothing else tells these places.
             if round > 0 && pull > settling_share * pull_before {
                 break;

@@ -38,7 +38,7 @@ impl FourSteps {
     }
 
     /// The weights of the three mean velocities in the jerk \[1/s^2\].
-    fn weights(&self) -> [f64; 3] {
+    pub fn weights(&self) -> [f64; 3] {
         let mean_s = self.mean_s();
         let before = 2.0 / ((self.first_s + self.second_s) * mean_s);
         let after = 2.0 / ((self.second_s + self.third_s) * mean_s);

@@ -1,5 +1,7 @@
 //! Critical values of the normal distribution, and what the median of a sample says of its standard deviation.
 
+use super::chi_square::chi_square_exceeded;
+
 /// Half the width of an interval that holds 95 %, in standard deviations.
 pub const TWO_SIDED_95: f64 = 1.96;
 
@@ -27,9 +29,14 @@ pub fn median_of_norm_2() -> f64 {
     (2.0 * 2_f64.ln()).sqrt()
 }
 
+/// How probable it is that a unit normal number is below this.
+pub fn normal_below(x: f64) -> f64 {
+    let beyond = 0.5 * chi_square_exceeded(x * x, 1.0);
+    if x < 0.0 { beyond } else { 1.0 - beyond }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::chi_square::chi_square_exceeded;
     use super::*;
 
     #[test]

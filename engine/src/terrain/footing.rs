@@ -36,9 +36,11 @@ rules! {
         /// Of a finer grid not every node takes part: so many to either side.
         most_nodes: f64 = 11.0, "nodes";
         /// Less noise than this is none.
-        least_noise_m: f64 = 0.003, "m";
-        /// A fit that a node is off by more than so many standard deviations does not hold.
+        least_noise_m: f64 = 0.0002, "m";
+        /// A fit that a node is off by more than so many standard deviations does not hold ...
         off_sigmas: f64 = 6.0, "sigma";
+        /// ... of which each is this at the least: what roads are uneven by.
+        off_at_least_m: f64 = 0.01, "m";
         /// A fit needs this share of the nodes of its window.
         least_known: f64 = 0.4, "";
         /// Noise is judged at so many nodes, spread over the grid ...
@@ -249,7 +251,7 @@ impl Footing {
         if !kept.is_nan() {
             return Some(kept);
         }
-        let most_m = RULES.off_sigmas * self.noise.nodes_m;
+        let most_m = RULES.off_sigmas * self.noise.nodes_m.max(RULES.off_at_least_m);
         let mut fits = self.windows.iter().filter_map(|window| window.fit(grid, at));
         let fitted = fits.find(|(_, off_m)| *off_m <= most_m).map(|(height_m, _)| height_m);
         let height_m = fitted.or_else(|| grid.node_near(at, [0, 0]))?;

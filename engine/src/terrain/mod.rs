@@ -125,6 +125,20 @@ impl Terrain {
         }
     }
 
+    /// How uneven the ground is under a vehicle that touches it `reach_m` from its middle \[m\]: how far the mean height
+    /// of four places there is from that in the middle \[m\], and the root mean square of how far a component of the
+    /// slope is. Places without ground do not count; zero without any.
+    pub fn unevenness_at(&self, x_m: f64, y_m: f64, reach_m: f64) -> [f64; 2] {
+        let Some(middle) = self.footing_at(x_m, y_m) else { return [0.0; 2] };
+        let around = [(reach_m, 0.0), (-reach_m, 0.0), (0.0, reach_m), (0.0, -reach_m)];
+        let places: Vec<Ground> =
+            around.iter().filter_map(|(dx, dy)| self.footing_at(x_m + dx, y_m + dy)).collect();
+        let count = places.len().max(1) as f64;
+        let higher_m = places.iter().map(|place| place.height_m - middle.height_m).sum::<f64>() / count;
+        let steeper = places.iter().map(|place| (place.slope - middle.slope).norm_squared()).sum::<f64>();
+        [higher_m.abs(), (steeper / (2.0 * count)).sqrt()]
+    }
+
     /// The first place where a ray meets the ground raised by `raised_m`.
     ///
     /// `direction` has any length but zero. Above the highest height of a grid there is nothing to
@@ -186,6 +200,23 @@ pub(crate) mod tests {
         let ground = Terrain::Plane { z_m: 3.5 }.at(100.0, -20.0).unwrap();
         assert_eq!(ground.height_m, 3.5);
         assert_eq!(ground.normal(), Vector3::z());
+    }
+
+    #[test]
+    fn what_is_uneven_is_what_the_ground_around_says() {
+        // A bowl: r^2 b / 2 above its middle, b r steeper along the way to each place.
+        let (bend, reach_m) = (0.04, 1.5);
+        let height = |at: usize| {
+            let [x, y] = [at % 81, at / 81].map(|k| 0.5 * k as f64 - 20.0);
+            0.5 * bend * (x * x + y * y)
+        };
+        let heights = (0..81 * 81).map(height).collect();
+        let bowl = Terrain::Grid(Arc::new(Grid::new([-20.0, -20.0], [0.5; 2], [81; 2], heights).unwrap()));
+        let [higher_m, steeper] = bowl.unevenness_at(3.0, -2.0, reach_m);
+        assert!((higher_m / (0.5 * bend * reach_m.powi(2)) - 1.0).abs() < 0.05, "{higher_m}");
+        assert!((steeper / (bend * reach_m / 2_f64.sqrt()) - 1.0).abs() < 0.05, "{steeper}");
+        assert_eq!(Terrain::Plane { z_m: 2.0 }.unevenness_at(0.0, 0.0, reach_m), [0.0; 2]);
+        assert_eq!(bowl.unevenness_at(500.0, 0.0, reach_m), [0.0; 2]);
     }
 
     #[test]

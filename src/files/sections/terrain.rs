@@ -11,7 +11,7 @@ use std::fmt::Write;
 pub struct GroundSettings {
     pub terrain: TerrainSettings,
     pub sigma_m: f64,
-    pub correlation_s: f64,
+    pub correlation_s: Option<f64>,
     pub bias_sigma_m: f64,
     pub tilt_sigma_rad: f64,
 }
@@ -38,7 +38,7 @@ pub fn read(terrain: &Section) -> Option<GroundSettings> {
     let plane_z = terrain.any_number("plane_z");
     let grid = terrain.text("grid");
     let sigma_m = terrain.not_negative("sigma_m").unwrap_or(0.02);
-    let correlation_s = terrain.not_negative("correlation_s").unwrap_or(1.0);
+    let correlation_s = terrain.not_negative("correlation_s");
     let bias_sigma_m = terrain.not_negative("bias_sigma_m").unwrap_or(0.0);
     let tilt_sigma_rad = terrain.not_negative("tilt_sigma_deg").unwrap_or(3.0).to_radians();
     if terrain.has("plane_z") == terrain.has("grid") {
@@ -57,11 +57,13 @@ pub fn write(text: &mut String, problem: &Problem, grid: Option<&str>) {
         (Terrain::Grid(_), name) => writeln!(text, "grid = {}", quoted(name.unwrap_or("terrain.asc"))),
     };
     for (key, value) in [
-        ("sigma_m", ground.sigma_m),
+        ("sigma_m", Some(ground.sigma_m)),
         ("correlation_s", ground.correlation_s),
-        ("bias_sigma_m", ground.bias_sigma_m),
-        ("tilt_sigma_deg", ground.tilt_sigma_rad.to_degrees()),
+        ("bias_sigma_m", Some(ground.bias_sigma_m)),
+        ("tilt_sigma_deg", Some(ground.tilt_sigma_rad.to_degrees())),
     ] {
-        let _ = writeln!(text, "{key} = {}", decimal(value, 9));
+        if let Some(value) = value {
+            let _ = writeln!(text, "{key} = {}", decimal(value, 9));
+        }
     }
 }
