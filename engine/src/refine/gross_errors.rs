@@ -322,9 +322,9 @@ impl Set {
         }
         let (tracks, whitened) = (self.tracks_with_coordinates(), self.whitened());
         let was_out = |at: &usize| before[*at].is_some_and(RejectionReason::is_of_track);
-        let is_out: Vec<bool> =
-            tracks.iter().map(|track| !track.is_empty() && track.iter().all(was_out)).collect();
-        let mut wrong = against_the_body(judge, at, &tracks, &whitened, &is_out);
+        let as_what = |track: &Vec<usize>| before[*track.first()?].filter(|_| track.iter().all(was_out));
+        let left_out: Vec<_> = tracks.iter().map(as_what).collect();
+        let mut wrong = against_the_body(judge, at, &tracks, &whitened, &left_out);
         let is_doubtful = |point: usize| match wrong[point] {
             None => {
                 let gross = tracks[point].iter().filter(|at| !self.fits(**at, judge.limit)).count();

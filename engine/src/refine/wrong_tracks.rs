@@ -34,8 +34,22 @@ rules! {
         doubtful_factor: f64 = 1.5, "median of good image points";
         /// ... if it fits a static point so much better: at the first estimate, and at poses that were adjusted.
         static_share: [f64; 2] = [0.5, 0.7], "share of the distance from the body";
+        /// So many of the tracks of a vehicle are of its body, at the least.
+        of_body_share: f64 = 0.25, "share of tracks";
         /// A body point moves that is so many times farther from static than the track.
         moving_factor: f64 = 3.0, "factor";
+        /// Where the points of a body are is told by so many that are nearest together along an axis ...
+        core_share: f64 = 0.4, "share of points";
+        /// ... of so many at the least.
+        least_core: usize = 10, "points";
+        /// A point is not of it that fits a static point and is this far from there ...
+        beside_m: f64 = 1.0, "m";
+        /// ... and as much farther as so many times their extent.
+        beside_extents: f64 = 1.5, "extents";
+        /// Starting positions of vehicles that nobody says it of are wrong by so much, ...
+        wrong_starts_m: f64 = 0.5, "m";
+        /// ... others by what is stated, and by this at the least.
+        least_wrong_starts_m: f64 = 0.1, "m";
         /// This share of the image points of a track says how well it fits.
         fitting_share: f64 = 0.7, "share of image points";
         /// A sliding track fits so many times worse than the median track ...
@@ -94,30 +108,40 @@ pub fn suspected_static(
         Some((o.frame, world_sighting(judge.problem, &judge.estimate.camera_poses, o)?))
     };
     let rays: Vec<WorldTrack> = tracks.iter().map(|track| track.iter().filter_map(ray).collect()).collect();
-    // What starting poses scatter: their motion says something beyond that.
+    // What starting poses scatter, by tracks of the body, which may be the fewer: their motion says something beyond that.
     let from_body: Vec<Option<f64>> = tracks.iter().map(|track| median_length(track, whitened)).collect();
-    let scatter = upper_median(from_body.iter().flatten().copied().collect()).unwrap_or(0.0);
-    let what = |((track, standing), from_body): ((&Vec<usize>, Option<Standing>), &Option<f64>)| {
-        let Standing { distance, others_move } = standing?;
-        let is_nearer = from_body.is_some_and(|body| distance < RULES.static_share[0] * body);
-        let is_static = is_nearer && (others_move || moves(judge, vehicle, track, distance.max(scatter)));
+    let scatter =
+        value_at_share(from_body.iter().flatten().copied().collect(), RULES.of_body_share).unwrap_or(0.0);
+    let places = &judge.estimate.vehicles[vehicle].points;
+    let of_body: Vec<Point3<f64>> = places.iter().flatten().copied().collect();
+    let beside = beside_most(places, &of_body);
+    let standing = static_tracks(&rays, judge.static_scatter);
+    let what = |(point, track): (usize, &Vec<usize>)| {
+        let Standing { distance, others_move } = standing[point]?;
+        let is_nearer = from_body[point].is_some_and(|body| distance < RULES.static_share[0] * body);
+        let is_static = (is_nearer || beside[point])
+            && (others_move
+                || moves(judge, vehicle, track, distance.max(scatter))
+                || goes_on(judge, vehicle, track));
         is_static.then(|| what_stands(judge, vehicle, track))
     };
-    tracks.iter().zip(static_tracks(&rays, judge.static_scatter)).zip(&from_body).map(what).collect()
+    tracks.iter().enumerate().map(what).collect()
 }
 
 /// For each point of a vehicle, what its track proves to be of by how it fits: static or sliding. `tracks` are the
-/// indices of its image points in order of time, `is_out` says which were left out before.
+/// indices of its image points in order of time, `before` says as what they were left out.
 pub fn against_the_body(
     judge: &Judge<'_>,
     vehicle: usize,
     tracks: &[Vec<usize>],
     whitened: Whitened<'_>,
-    is_out: &[bool],
+    before: &[Option<RejectionReason>],
 ) -> Vec<Option<RejectionReason>> {
-    let sliding = sliding_tracks(judge, vehicle, tracks, whitened, is_out);
+    let is_out: Vec<bool> = before.iter().map(Option::is_some).collect();
+    let sliding = sliding_tracks(judge, vehicle, tracks, whitened, &is_out);
+    let beside = beside_the_body(judge, vehicle, tracks, &is_out);
     let one = |(point, track): (usize, &Vec<usize>)| {
-        if is_static(judge, vehicle, track, whitened, is_out[point]) {
+        if is_static(judge, vehicle, track, whitened, (before[point], beside[point])) {
             Some(what_stands(judge, vehicle, track))
         } else {
             sliding[point].then_some(RejectionReason::Sliding)
@@ -140,26 +164,78 @@ fn median_length(track: &[usize], whitened: Whitened<'_>) -> Option<f64> {
     upper_median(track.iter().map(|at| whitened[*at].map_or(f64::INFINITY, |w| w.norm())).collect())
 }
 
-/// Whether a track fits a static point better than the body, where the body moves. One that was left out comes back
-/// where it fits the body better.
+/// For each point whether its place by the poses is far from those of the others. Motions exist that carry a point of
+/// the body along with one of the background, metres beside it: a few that fit there turn the whole motion.
+fn beside_the_body(judge: &Judge<'_>, vehicle: usize, tracks: &[Vec<usize>], is_out: &[bool]) -> Vec<bool> {
+    let found = &judge.estimate.vehicles[vehicle];
+    let place = |(point, track): (usize, &Vec<usize>)| match (track.is_empty(), is_out[point]) {
+        (true, _) => None,
+        (false, false) => found.points[point],
+        (false, true) => {
+            let rays = body_rays(judge, vehicle, vehicle, track);
+            let rays: Vec<Sighting> = rays.into_iter().map(|(_, ray)| ray).collect();
+            point_from_poses(&rays, &[None; 3], judge.limit)
+        }
+    };
+    let places: Vec<Option<Point3<f64>>> = tracks.iter().enumerate().map(place).collect();
+    let of_body = places.iter().zip(is_out).filter(|(_, is_out)| !**is_out);
+    let of_body: Vec<Point3<f64>> = of_body.filter_map(|(place, _)| *place).collect();
+    beside_most(&places, &of_body)
+}
+
+/// Which places are far from where most of the points of a body are along some axis.
+fn beside_most(places: &[Option<Point3<f64>>], of_body: &[Point3<f64>]) -> Vec<bool> {
+    if of_body.len() < RULES.least_core {
+        return vec![false; places.len()];
+    }
+    let room = [0, 1, 2].map(|axis| {
+        let [least, most] = shortest_interval(of_body.iter().map(|place| place[axis]).collect());
+        let beside_m = RULES.beside_m + RULES.beside_extents * (most - least);
+        [least - beside_m, most + beside_m]
+    });
+    let is_beside = |place: &Point3<f64>| {
+        place.iter().zip(room).any(|(value, [least, most])| !(least..=most).contains(value))
+    };
+    places.iter().map(|place| place.as_ref().is_some_and(is_beside)).collect()
+}
+
+/// The shortest interval that holds the share of the core; of several the first.
+fn shortest_interval(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    let within = ((RULES.core_share * values.len() as f64).ceil() as usize).clamp(1, values.len());
+    let intervals = values.windows(within).map(|some| [some[0], some[within - 1]]);
+    let shorter =
+        |best: [f64; 2], next: [f64; 2]| if next[1] - next[0] < best[1] - best[0] { next } else { best };
+    intervals.reduce(shorter).unwrap_or([f64::NEG_INFINITY, f64::INFINITY])
+}
+
+/// Whether a track fits a static point better than the body, where the body moves, or fits one and is beside it. One
+/// that was left out as static comes back where it fits the body much better: where most tracks are static, a body that
+/// was bent to them stands itself.
 fn is_static(
     judge: &Judge<'_>,
     vehicle: usize,
     track: &[usize],
     whitened: Whitened<'_>,
-    is_out: bool,
+    (before, is_beside): (Option<RejectionReason>, bool),
 ) -> bool {
     let doubtful = RULES.doubtful_factor * judge.spread.max(1.0) * median_of_norm_2();
     let from_body = median_length(track, whitened).unwrap_or(0.0);
-    if track.len() < RULES.least_points || (from_body <= doubtful && !is_out) {
+    let is_doubtful = track.len() >= RULES.least_points && (from_body > doubtful || before.is_some());
+    if !is_doubtful && !is_beside {
         return false;
     }
     let rays = static_rays(judge, vehicle, track);
     let Some(from_static) = distance_from_static(rays.iter()) else { return false };
-    let share = if is_out { 1.0 } else { RULES.static_share[1] };
+    let was_static = before == Some(RejectionReason::Static);
+    let share = match before {
+        Some(RejectionReason::Static) => 1.0 / RULES.static_share[1],
+        Some(_) => 1.0,
+        None => RULES.static_share[1],
+    };
     from_static <= static_limit(judge.static_scatter)
-        && from_static < share * from_body
-        && moves(judge, vehicle, track, from_static)
+        && (is_beside || from_static < share * from_body)
+        && (was_static || moves(judge, vehicle, track, from_static))
 }
 
 /// The rays of a track in the world.
@@ -186,6 +262,31 @@ fn moves(judge: &Judge<'_>, vehicle: usize, track: &[usize], scatter: f64) -> bo
     let rays: Vec<Sighting> = rays.collect();
     let away = distance_from_static(rays.iter()).unwrap_or(0.0);
     away > RULES.moving_factor * scatter.max(median_of_norm_2())
+}
+
+/// Whether the starting poses of a body go farther in the frames of a track than they are wrong by: what drives straight
+/// away from a camera hardly moves in its image.
+fn goes_on(judge: &Judge<'_>, vehicle: usize, track: &[usize]) -> bool {
+    let Judge { problem, estimate, .. } = *judge;
+    let place = |at: &usize| {
+        let frame = problem.vehicles[vehicle].observations[*at].frame;
+        Some(estimate.vehicles[vehicle].poses[frame]?.translation.vector)
+    };
+    let places: Vec<Vector3<f64>> = track.iter().filter_map(place).collect();
+    if places.len() < RULES.least_points {
+        return false;
+    }
+    let stated_m =
+        problem.vehicle_pose_sigma.position_m.filter(|_| !problem.vehicles[vehicle].has_no_poses());
+    let wrong_m = stated_m.unwrap_or(RULES.wrong_starts_m).max(RULES.least_wrong_starts_m);
+    let bent = places.windows(3).map(|p| (p[2] - 2.0 * p[1] + p[0]).norm());
+    let shaken_m = upper_median(bent.collect()).unwrap_or(0.0);
+    let third = places.len() / 3;
+    let middle = |some: &[Vector3<f64>]| {
+        Vector3::from_fn(|axis, _| upper_median(some.iter().map(|p| p[axis]).collect()).unwrap_or(0.0))
+    };
+    let gone_m = (middle(&places[places.len() - third..]) - middle(&places[..third])).norm();
+    gone_m > RULES.moving_factor * wrong_m.max(shaken_m)
 }
 
 /// For each point whether its track slides: it fits much worse than others, and its residuals change slowly. What is
@@ -376,4 +477,31 @@ fn own_motion(
     let most = |axis: usize| away_m.iter().map(|m| m[axis]).fold(f64::NEG_INFINITY, f64::max);
     let range = Vector3::new(most(0) - least(0), most(1) - least(1), 0.0).norm();
     if range <= RULES.most_slide_m { RejectionReason::Sliding } else { RejectionReason::Foreign }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shortest_interval_holds_the_share_of_the_core() {
+        // Four of ten within half a metre, the others all over.
+        let values = vec![7.0, -3.0, 0.1, 0.5, 12.0, 0.0, -9.0, 0.4, 3.0, 40.0];
+        assert_eq!(shortest_interval(values), [0.0, 0.5]);
+        assert_eq!(shortest_interval(vec![2.0]), [2.0, 2.0]);
+    }
+
+    #[test]
+    fn points_of_the_background_are_beside_a_body_also_where_they_are_more() {
+        // A car seen from a side, and more points of a street behind it.
+        let of_car = |at: usize| Point3::new(-2.2 + 4.4 * at as f64 / 29.0, 0.9, 0.3 + 0.04 * at as f64);
+        let of_street = |at: usize| Point3::new(-30.0 + at as f64, 8.0 + 0.3 * at as f64, 0.1 * at as f64);
+        let all: Vec<Point3<f64>> = (0..30).map(of_car).chain((0..40).map(of_street)).collect();
+        let mut places: Vec<Option<Point3<f64>>> = all.iter().copied().map(Some).collect();
+        places.push(None);
+        let wanted: Vec<bool> = (0..71).map(|at| (30..70).contains(&at)).collect();
+        assert_eq!(beside_most(&places, &all), wanted);
+        // Of a few points nothing is said.
+        assert!(!beside_most(&places, &all[..5]).contains(&true));
+    }
 }
