@@ -8,10 +8,8 @@ use trackbundle::{Options, adjust_folder};
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args().nth(1).unwrap_or("problems/tiny".to_owned());
     let outcome = adjust_folder(folder, &Options::default())?;
-    if let Some(verdict) = &outcome.verdict {
-        println!("trust: {:?}", verdict.trust);
-        verdict.findings.iter().for_each(|reason| println!("  {reason}"));
-    }
+    println!("trust: {:?}", outcome.verdict.trust);
+    outcome.verdict.findings.iter().for_each(|reason| println!("  {reason}"));
     for vehicle in &outcome.problem.vehicles {
         println!("{}: time [s], x, y, z [m], their standard deviations [m], speed [m/s]", vehicle.id);
         for place in outcome.track(&vehicle.id).unwrap_or_default() {

@@ -37,9 +37,7 @@ fn main() -> Result<(), trackbundle::Error> {
     if let Some([x, y, z]) = track.first().and_then(|place| place.sigma_m) {
         println!("its first standard deviations: {x:.3} {y:.3} {z:.3} m");
     }
-    if let Some(verdict) = &outcome.verdict {
-        println!("trust: {:?}", verdict.trust);
-    }
+    println!("trust: {:?}", outcome.verdict.trust);
     Ok(())
 }
 

@@ -12,8 +12,7 @@
 //! use trackbundle::{Options, adjust_folder};
 //!
 //! let outcome = adjust_folder("problems/tiny", &Options::default())?;
-//! let verdict = outcome.verdict.as_ref().expect("a verdict, where there are standard deviations");
-//! println!("trust: {:?}", verdict.trust);
+//! println!("trust: {:?}", outcome.verdict.trust);
 //! for vehicle in &outcome.problem.vehicles {
 //!     for place in outcome.track(&vehicle.id).expect("a vehicle of the problem") {
 //!         println!("{} at {} m, +- {:?} m", place.time_s, place.position, place.sigma_m);
@@ -60,8 +59,8 @@ pub use internals::cli::run;
 
 #[allow(unused_imports)]
 use internals::{
-    clock, cloud, diagnose, evaluate, files, initialise, network, pipeline, reference, refine, residuals,
-    rules, scene, simulate, stats, study, tables, trajectory, words,
+    clock, cloud, diagnose, disk, evaluate, files, initialise, network, pipeline, reference, refine,
+    residuals, rules, scene, simulate, stats, study, tables, trajectory, words,
 };
 #[cfg(feature = "report")]
 #[allow(unused_imports)]
@@ -79,6 +78,8 @@ pub mod internals {
 
     // In the order of their floors, lowest first; each may use those above it here only as far as
     // tests/laws/floor_plan.rs says.
+    pub mod disk;
+
     pub mod tables;
 
     pub mod reference;

@@ -1,7 +1,11 @@
 //! The program `trackbundle`.
 
 use std::process::ExitCode;
+use trackbundle::internals::cli::interrupts;
 
 fn main() -> ExitCode {
-    ExitCode::from(trackbundle::run(std::env::args_os()))
+    interrupts::watch();
+    let code = trackbundle::run(std::env::args_os());
+    interrupts::settle();
+    ExitCode::from(code)
 }

@@ -19,7 +19,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Input { inventory, problem, reference, warnings } = read(&arguments.problem)?;
+    let Input { inventory, problem, reference, warnings, .. } = read(&arguments.problem)?;
     warn_all(&warnings);
     let mut text = describe(&inventory);
     text += &describe_reference(&reference);

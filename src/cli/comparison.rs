@@ -1,7 +1,8 @@
 //! A result folder held against the references of its problem: what `evaluate` does, and `refine` at its end.
 
+use crate::disk::InputFile;
 use crate::evaluate::{EvaluateOptions, Evaluation, VehicleEvaluation, evaluate, evaluate_shapes};
-use crate::files::{InputFile, ResultPoint, ResultTracks, read_points, read_report, read_tracks};
+use crate::files::{ResultPoint, ResultTracks, read_points, read_report, read_tracks};
 use crate::page::changed_inputs;
 use crate::problem::{Frame, Problem, Receiver};
 use crate::reference::{Reference, TrueShape, read_true_shapes};

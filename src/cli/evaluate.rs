@@ -4,16 +4,15 @@ use super::Failure;
 use super::comparison::{Invalid, ToCompare};
 use super::comparison_text::describe;
 use super::evaluation_folder::{self, Evaluated};
-use super::options::{Input, positive, read};
+use super::options::{Input, command_given, positive, read, take_place};
 use super::output::{print, warn_all};
 use crate::clock::Shift;
 use crate::evaluate::alignment::Alignment;
 use crate::evaluate::pairs::Association;
 use crate::evaluate::shape::Registering;
 use crate::evaluate::{Clock, EvaluateOptions};
-use crate::files::input_files;
 use crate::report::evaluation_report;
-use crate::report::folder::{Holds, check_place};
+use crate::report::folder::Holds;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -156,9 +155,10 @@ impl Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(target) = &arguments.out {
-        check_place(target, Holds::Evaluation)?;
-    }
+    let mut staged = match &arguments.out {
+        Some(target) => Some(take_place(target, Holds::Evaluation)?),
+        None => None,
+    };
     let input = read(&arguments.problem);
     let known = input.as_ref().ok();
     let vehicles: Option<Vec<String>> =
@@ -172,7 +172,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         result_folder,
         vehicles.as_deref(),
         frames,
-        input_files(problem_folder),
+        known.map(|input| input.inputs.clone()).unwrap_or_default(),
         &mut invalid,
     );
     let input = match input {
@@ -186,7 +186,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (Some(input), Some(to_compare), true) = (input, to_compare, invalid.is_empty()) else {
         return Err(Failure::Invalid(invalid));
     };
-    let Input { inventory, reference, problem, mut warnings } = input;
+    let Input { inventory, reference, problem, mut warnings, .. } = input;
 
     let options = arguments.options();
     if arguments.max_gap.is_some() && matches!(options.association, Association::Interpolated) {
@@ -202,9 +202,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.quiet {
         warn_all(&warnings);
     }
-    let json =
-        evaluation_report(problem_folder, result_folder, &compared.evaluation, warnings.clone()).to_json();
-    if let Some(target) = &arguments.out {
+    let mut json = evaluation_report(problem_folder, result_folder, &compared.evaluation, warnings.clone());
+    if let Some(staged) = &mut staged {
         let evaluated = Evaluated {
             result_folder,
             name: &inventory.name,
@@ -212,11 +211,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             compared: &compared,
             warnings: &warnings,
         };
-        let command = std::env::args().skip(1).collect::<Vec<_>>().join(" ");
-        evaluation_folder::write(target, &evaluated, &json, &format!("trackbundle {command}"))?;
+        evaluation_folder::write(staged, &evaluated, &mut json, &command_given())?;
     }
     if arguments.json {
-        print(&json)
+        print(&json.to_json())
     } else if arguments.quiet {
         Ok(())
     } else {

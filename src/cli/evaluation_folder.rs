@@ -2,13 +2,14 @@
 
 use super::Failure;
 use super::comparison::Compared;
+use super::options::put_in_place;
 use crate::files::{RESIDUALS, START_RESIDUALS, read_residuals};
 use crate::page::{PageInput, page};
 use crate::problem::Problem;
-use crate::report::folder::{Holds, Staged};
-use crate::report::{File, distance_clouds, exports};
+use crate::report::folder::Staged;
+use crate::report::{EvaluationReport, File, distance_clouds, exports};
 use crate::tables::Findings;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What was compared, and where it is from.
 #[derive(Clone, Copy)]
@@ -25,12 +26,18 @@ pub struct Evaluated<'a> {
     pub warnings: &'a [String],
 }
 
-/// Writes the folder: all of it or nothing. `json` is the comparison for programs.
-pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) -> Result<PathBuf, Failure> {
+/// Writes the folder: all of it or nothing. `json` is the comparison for programs, to which the files of the folder
+/// are added.
+pub fn write(
+    staged: &mut Staged,
+    evaluated: &Evaluated,
+    json: &mut EvaluationReport,
+    command: &str,
+) -> Result<(), Failure> {
+    let target = staged.target().to_owned();
     let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
     let Evaluated { result_folder, name, problem, compared, warnings } = *evaluated;
     let Compared { tracks, report, inputs, evaluation, .. } = compared;
-    let staged = Staged::begin(target, Holds::Evaluation)?;
     let mut findings = Findings::default();
     let start = read_residuals(result_folder, START_RESIDUALS, problem, &mut findings);
     let end = read_residuals(result_folder, RESIDUALS, problem, &mut findings);
@@ -49,14 +56,14 @@ pub fn write(target: &Path, evaluated: &Evaluated, json: &str, command: &str) ->
         evaluation,
         warnings,
     });
-    let mut files: Vec<File> = vec![
-        ("report.html".to_owned(), page.into_bytes()),
-        ("evaluation.json".to_owned(), json.as_bytes().to_vec()),
-    ];
+    let mut files: Vec<File> = vec![("report.html".to_owned(), page.into_bytes())];
     files.extend(evaluation.shapes.iter().flat_map(distance_clouds));
     files.extend(exports(evaluation));
     for file in &files {
         staged.write(file).map_err(|error| failed(&error))?;
     }
-    staged.publish().map_err(|error| failed(&error))
+    json.files = staged.files();
+    let json = ("evaluation.json".to_owned(), json.to_json().into_bytes());
+    staged.write(&json).map_err(|error| failed(&error))?;
+    put_in_place(staged).map(|_| ())
 }

@@ -45,7 +45,8 @@ enum Dlt {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = &arguments.output;
-    let Opened { problem, warnings, inputs, read_s, .. } = output.open(&arguments.problem, &arguments.out)?;
+    let (opened, mut staged) = output.open(&arguments.problem, &arguments.out)?;
+    let Opened { problem, warnings, inputs, read_s, .. } = opened;
 
     let begin = Instant::now();
     let method = match arguments.dlt {
@@ -78,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         drawn.warnings.clone_from(&report.warnings);
         drawn
     };
-    let written = output.write(&arguments.out, &tables, &mut report, draw)?;
+    let written = output.write(&mut staged, tables, &mut report, draw)?;
     if !output.json && !output.quiet {
         let mut text = String::new();
         for (vehicle, estimate) in problem.vehicles.iter().zip(&initial.estimate.vehicles) {
@@ -96,5 +97,5 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         text += &format!("result      {}\n", written.folder.display());
         print(&text)?;
     }
-    session.end(written)
+    session.end(output, written, &mut staged, &mut report)
 }

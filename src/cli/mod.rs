@@ -10,6 +10,7 @@ mod constants;
 mod evaluate;
 mod evaluation_folder;
 mod initialise;
+pub mod interrupts;
 mod options;
 mod output;
 #[allow(rustdoc::invalid_html_tags)]
@@ -25,8 +26,9 @@ use crate::refine::NoSolution;
 use crate::report::folder::PlaceError;
 use crate::tables::Findings;
 use clap::{CommandFactory, Parser, Subcommand};
+use output::tell;
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Bundle adjustment of moving vehicles filmed from a small drone.
 #[derive(Debug, Parser)]
@@ -45,8 +47,8 @@ camera together, and leaves a result folder with tables, clouds, a report and a 
 Rerun viewer. The formats are described in docs/formats.md.";
 
 const EXIT_CODES: &str = "\
-Exit codes: 0 done, 2 wrong usage, 3 invalid input (every finding is printed, nothing is written), \
-4 no usable solution (what is missing is named), 1 anything else.";
+Exit codes: 0 done, 2 wrong usage, 3 invalid input (findings are printed, nothing is written), \
+4 no usable solution (what is missing is named), 1 anything else; 130 and 143 interrupted (SIGINT, SIGTERM).";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -86,10 +88,26 @@ enum Failure {
     Other(String),
 }
 
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Failure::Usage(message) | Failure::NoSolution(message) | Failure::Other(message) => {
+                f.write_str(message)
+            }
+            Failure::Invalid(folders) => {
+                let all = folders.iter().flat_map(|(folder, findings)| {
+                    findings.errors().map(move |finding| format!("{}/{finding}", folder.display()))
+                });
+                f.write_str(&all.collect::<Vec<_>>().join("; "))
+            }
+        }
+    }
+}
+
 impl From<PlaceError> for Failure {
     fn from(error: PlaceError) -> Self {
         match error {
-            PlaceError::Occupied(..) => Failure::Usage(error.to_string()),
+            PlaceError::Occupied(..) | PlaceError::Busy(_) => Failure::Usage(error.to_string()),
             PlaceError::Io { .. } => Failure::Other(error.to_string()),
         }
     }
@@ -146,26 +164,29 @@ pub fn run(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> 
 fn report(failure: &Failure) -> u8 {
     match failure {
         Failure::Usage(message) => {
-            eprintln!("error: {message}");
+            tell(format_args!("error: {message}"));
             2
         }
         Failure::Invalid(folders) => {
             for (folder, findings) in folders {
                 for line in findings.to_string().lines() {
-                    eprintln!("error: {}", Path::new(folder).join(line).display());
+                    tell(format_args!("error: {}", folder.join(line).display()));
                 }
-                let count = findings.errors().len();
+                let count = findings.count();
                 let s = if count == 1 { "" } else { "s" };
-                eprintln!("{}: {count} finding{s}; nothing was computed or written", folder.display());
+                tell(format_args!(
+                    "{}: {count} finding{s}; nothing was computed or written",
+                    folder.display()
+                ));
             }
             3
         }
         Failure::NoSolution(message) => {
-            eprintln!("error: {message}");
+            tell(format_args!("error: {message}"));
             4
         }
         Failure::Other(message) => {
-            eprintln!("error: {message}");
+            tell(format_args!("error: {message}"));
             1
         }
     }

@@ -1,13 +1,16 @@
 //! Options that several commands share, and how they are read.
 
 use super::Failure;
-use super::output::{print, warn_all};
-use crate::files::{self, Folder, InputFile, Inventory};
+use super::interrupts;
+use super::output::{tell, warn_all};
+use crate::disk::{self, InputFile};
+use crate::files::{self, Folder, Inventory};
+use crate::pipeline::guarded;
 use crate::problem::Problem;
 use crate::reference::{self, Reference};
 use crate::refine::{MotionPrior, Order, Strengths};
-use crate::report::folder::{Holds, Staged, check_place, whole_file};
-use crate::report::{File, Report};
+use crate::report::folder::{Holds, PlaceError, Staged, whole_file, whole_file_can_be};
+use crate::report::{File, Report, finite_alone};
 use crate::words::Warning;
 use clap::Args;
 use std::cell::RefCell;
@@ -18,6 +21,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use trackbundle_viz::{Layout, Scene, Viewer, save};
 
+/// The recording of a result.
+const RECORDING: &str = "session.rrd";
 /// How a recording begins.
 const RECORDING_MAGIC: [u8; 3] = *b"RRF";
 
@@ -25,7 +30,7 @@ const RECORDING_MAGIC: [u8; 3] = *b"RRF";
 #[derive(Debug, Args)]
 pub struct OutputOptions {
     /// Threads to compute with; their number does not change the result [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = thread_range())]
     pub threads: Option<u16>,
 
     /// Write the Rerun recording to this file instead of session.rrd in the result folder; an older
@@ -103,26 +108,83 @@ pub fn without_rerun(what: &str) -> Failure {
     Failure::Usage(format!("this build has no Rerun (feature \"viewer\"), so {what} cannot be used"))
 }
 
-/// Sets the number of threads of this process: all cores where none is given.
+/// The largest number of threads that may be asked for: beyond it starting them takes longer than they save.
+const MOST_THREADS: i64 = 256;
+
+/// Reads a number of threads.
+pub fn thread_range() -> clap::builder::RangedI64ValueParser<u16> {
+    clap::value_parser!(u16).range(1..=MOST_THREADS)
+}
+
+/// Address space of the program itself, and of each thread beside the matrices that it works on \[byte\].
+const OWN_ADDRESSES: [u64; 2] = [300 << 20, 80 << 20];
+/// The largest cache of a processor, where the system does not tell it \[byte\].
+const USUAL_CACHE: u64 = 32 << 20;
+
+/// How many threads fit into an address space, and how much of it the first needs \[byte\]: matrix kernels keep room
+/// for two matrices of the size of the largest cache for each thread, and for the one that all of them begin from.
+fn threads_within(address_space: u64, cache: u64) -> (u64, u64) {
+    let [program, thread] = OWN_ADDRESSES;
+    let each = thread + 2 * cache;
+    ((address_space.saturating_sub(program) / each).saturating_sub(1), program + 2 * each)
+}
+
+/// Sets the number of threads of this process: all cores where none is given, and no more than its address space is for.
 pub fn set_threads(threads: Option<u16>) -> Result<(), Failure> {
-    let threads = match threads {
+    let mut threads = match threads {
         Some(threads) => usize::from(threads),
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
+    if let Some(limit) = disk::address_space_limit() {
+        let (fitting, least) = threads_within(limit, disk::largest_cache().unwrap_or(USUAL_CACHE));
+        if fitting == 0 {
+            tell(format_args!(
+                "warning: the address space of this process is limited to {} MB (ulimit -v), and large matrices need {} MB of it",
+                limit >> 20,
+                least >> 20
+            ));
+        }
+        threads = threads.min(usize::try_from(fitting).unwrap_or(usize::MAX).max(1));
+    }
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build_global()
         .map_err(|error| Failure::Other(format!("the threads could not be started: {error}")))
 }
 
-/// What a command has written, and what it could not.
+/// What a command has written.
 pub struct Written {
     /// The result folder.
     pub folder: PathBuf,
     /// What is to be seen, where it is shown.
     pub scene: Option<Scene>,
-    /// Why there is no recording, if there should be one.
-    pub unrecorded: Option<String>,
+}
+
+/// The file of a result that says what it is.
+const REPORT: &str = "report.json";
+
+/// Takes the place of a folder before anything is computed.
+pub fn take_place(target: &Path, holds: Holds) -> Result<Staged, PlaceError> {
+    let staged = Staged::begin(target, holds)?;
+    for cleared in staged.cleared() {
+        tell(format_args!("warning: {}: left by a run that was cut off, and removed", cleared.display()));
+    }
+    Ok(staged)
+}
+
+/// Puts a folder in its place.
+pub fn put_in_place(staged: &mut Staged) -> Result<PathBuf, Failure> {
+    let target = staged.target().to_owned();
+    let published =
+        staged.publish().map_err(|error| Failure::Other(format!("{}: {error}", target.display())))?;
+    if let Some((left, why)) = &published.not_removed {
+        let left = left.display();
+        tell(format_args!(
+            "warning: {left}: what stood in {} before could not be removed: {why}",
+            target.display()
+        ));
+    }
+    Ok(published.path)
 }
 
 impl OutputOptions {
@@ -145,55 +207,101 @@ impl OutputOptions {
         Ok(self.records()? || self.viewer.viewer()?.is_some())
     }
 
+    /// Makes a result safe before anything else that may fail is done with it.
+    pub fn keep(
+        &self,
+        staged: &mut Staged,
+        mut tables: Vec<File>,
+        report: &mut Report,
+    ) -> Result<(), Failure> {
+        finite_alone(&mut tables);
+        let target = staged.target().to_owned();
+        let failed = |error: &dyn Display| Failure::Other(format!("{}: {error}", target.display()));
+        for file in &tables {
+            staged.write(file).map_err(|error| failed(&error))?;
+        }
+        report.files = staged.files();
+        staged.write(&(REPORT.to_owned(), report.to_json().into_bytes())).map_err(|error| failed(&error))?;
+        let folder = put_in_place(staged)?;
+        interrupts::stands(format!(
+            "the adjustment stands in {}, without a diagnosis: do not rely on it",
+            folder.display()
+        ));
+        Ok(())
+    }
+
     /// Writes a result folder: all of it or nothing. `draw` makes the scene to show, if one is. A recording that
     /// fails costs nothing else.
     pub fn write(
         &self,
-        target: &Path,
-        tables: &[File],
+        staged: &mut Staged,
+        mut tables: Vec<File>,
         report: &mut Report,
         draw: impl FnOnce(&Report) -> Scene,
     ) -> Result<Written, Failure> {
-        let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
+        let target = staged.target().to_owned();
+        let failed = |error: &dyn Display| Failure::Other(format!("{}: {error}", target.display()));
+        let not_finite = finite_alone(&mut tables);
+        self.warn(&not_finite);
+        not_finite.iter().for_each(|warning| report.warn(warning));
         let begin = Instant::now();
-        let scene = if self.shows()? { Some(draw(report)) } else { None };
-        let staged = Staged::begin(target, Holds::Result)?;
-        for file in tables {
+        let scene = if self.shows()? { guarded(|| Ok(draw(report))).map(Some) } else { Ok(None) };
+        for file in &tables {
             staged.write(file).map_err(|error| failed(&error))?;
         }
         // The largest file comes when the others are there, and goes where the disk is too small for both.
-        let recording = staged.path("session.rrd");
-        let mut saved = Ok(());
-        let recorded = scene.as_ref().filter(|_| !self.no_rrd && self.rrd.is_none());
-        if let Some(scene) = recorded {
-            saved = save(std::slice::from_ref(scene), Layout::Overview, &recording);
-            report.add_seconds("recording", begin.elapsed().as_secs_f64());
-        } else if scene.is_none() && !self.no_rrd {
-            report.warn(&Warning::NoRecorder);
-        }
-        let write_report = |report: &Report| -> Result<String, String> {
-            let json = report.to_json();
-            let written = staged.write(&("report.json".to_owned(), json.clone().into_bytes()));
-            written.map(|()| json).map_err(|error| error.to_string())
+        let is_recorded = self.records()? && self.rrd.is_none();
+        let mut recorded = Ok(());
+        let scene = match scene {
+            Ok(Some(scene)) => {
+                if is_recorded {
+                    let file = staged.path(RECORDING);
+                    recorded = guarded(|| {
+                        save(std::slice::from_ref(&scene), Layout::Overview, &file)
+                            .map_err(|error| error.to_string())
+                    });
+                    report.add_seconds("recording", begin.elapsed().as_secs_f64());
+                }
+                Some(scene)
+            }
+            Ok(None) => {
+                if !self.no_rrd {
+                    report.warn(&Warning::NoRecorder);
+                }
+                None
+            }
+            Err(why) => {
+                recorded = Err(why);
+                None
+            }
         };
-        let mut json = saved.map_err(|error| error.to_string()).and_then(|()| write_report(report));
-        let mut unrecorded = None;
-        if let (Err(why), Some(_)) = (&json, recorded) {
+        let write_report = |staged: &mut Staged, report: &mut Report| {
+            report.files = staged.files();
+            staged.write(&(REPORT.to_owned(), report.to_json().into_bytes()))
+        };
+        if recorded.is_ok() {
+            recorded = write_report(staged, report).map_err(|error| error.to_string());
+            if is_recorded && recorded.is_err() {
+                staged.take_back(REPORT);
+            } else if let Err(error) = recorded {
+                return Err(failed(&error));
+            }
+        }
+        if let Err(why) = recorded {
             // Half of a recording is of no use.
-            let _ = std::fs::remove_file(&recording);
+            staged.take_back(RECORDING);
             report.warn(&Warning::NoRecording { why: why.clone() });
-            unrecorded = Some(format!("session.rrd: {why}"));
-            json = write_report(report);
+            report.fail("recording", format!("{RECORDING}: {why}"));
+            write_report(staged, report).map_err(|error| failed(&error))?;
         }
-        let json = json.map_err(|error| failed(&error))?;
-        let folder = staged.publish().map_err(|error| failed(&error))?;
-        if let (Some(scene), Some(file)) = (&scene, &self.rrd) {
-            unrecorded = save_whole(std::slice::from_ref(scene), Layout::Overview, file).err();
+        let folder = put_in_place(staged)?;
+        interrupts::stands(format!("the result in {} is complete", folder.display()));
+        if let (Some(scene), Some(file)) = (&scene, &self.rrd)
+            && let Err(why) = guarded(|| save_whole(std::slice::from_ref(scene), Layout::Overview, file))
+        {
+            report.fail("recording", why);
         }
-        if self.json {
-            print(&json)?;
-        }
-        Ok(Written { folder, scene, unrecorded })
+        Ok(Written { folder, scene })
     }
 
     /// Prints warnings, unless the user wants quiet.
@@ -215,7 +323,8 @@ pub fn check_recording_place(file: &Path) -> Result<(), Failure> {
         Ok(found) if !(found.is_file() && (found.len() == 0 || is_recording())) => {
             Err(Failure::Usage(format!("{} exists and is no recording; it is left as it is", file.display())))
         }
-        _ => Ok(()),
+        // That one can be made is tried now, not when it is there.
+        _ => whole_file_can_be(file).map_err(Failure::Other),
     }
 }
 
@@ -242,13 +351,19 @@ const WITHOUT_EFFECT: [(&str, bool); 12] = [
 
 thread_local! {
     /// The arguments that the program runs with, without its own name.
-    static COMMAND: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
+    static COMMAND: RefCell<Vec<OsString>> = const { RefCell::new(Vec::new()) };
 }
 
 /// Keeps the arguments of the program for [`command_told`].
 pub fn set_command(arguments: &[OsString]) {
-    let told = arguments.iter().skip(1).map(|argument| argument.to_string_lossy().into_owned());
-    COMMAND.set(told.collect());
+    COMMAND.set(arguments.iter().skip(1).cloned().collect());
+}
+
+/// The command as it was given.
+pub fn command_given() -> String {
+    let arguments = COMMAND.with_borrow(Clone::clone).into_iter();
+    let arguments = arguments.map(|argument| argument.to_string_lossy().into_owned());
+    std::iter::once("trackbundle".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
 }
 
 /// The command as a report quotes it: without places, and without options that change no number, so that equal
@@ -257,22 +372,23 @@ pub fn command_told(problem: &Path) -> String {
     told(COMMAND.with_borrow(Clone::clone).into_iter(), problem)
 }
 
-fn told(arguments: impl Iterator<Item = String>, problem: &Path) -> String {
+fn told(arguments: impl Iterator<Item = OsString>, problem: &Path) -> String {
     let mut told = vec!["trackbundle".to_owned()];
     let mut arguments = arguments.peekable();
-    while let Some(argument) = arguments.next() {
+    while let Some(given) = arguments.next() {
+        let argument = given.to_string_lossy();
         let name = argument.split('=').next().unwrap_or_default();
         if name == "--connect" {
             // Its value may be missing.
-            arguments.next_if(|next| !argument.contains('=') && next.contains("://"));
+            arguments.next_if(|next| !argument.contains('=') && next.to_string_lossy().contains("://"));
         } else if let Some((_, has_value)) = WITHOUT_EFFECT.iter().find(|(option, _)| *option == name) {
             if *has_value && !argument.contains('=') {
                 arguments.next();
             }
-        } else if Path::new(&argument) == problem {
+        } else if Path::new(&given) == problem {
             told.push("PROBLEM".to_owned());
         } else {
-            told.push(argument);
+            told.push(argument.into_owned());
         }
     }
     told.join(" ")
@@ -288,6 +404,8 @@ pub struct Input {
     pub reference: Reference,
     /// What is odd.
     pub warnings: Vec<String>,
+    /// The files that an adjustment reads, as they were read.
+    pub inputs: Vec<InputFile>,
 }
 
 /// A problem that can be computed.
@@ -308,20 +426,19 @@ pub struct Opened {
 
 impl OutputOptions {
     /// Reads the problem of a command that will leave a result at `target`, once it is clear that
-    /// the result has a place.
-    pub fn open(&self, folder: &Path, target: &Path) -> Result<Opened, Failure> {
+    /// the result has a place, which is taken.
+    pub fn open(&self, folder: &Path, target: &Path) -> Result<(Opened, Staged), Failure> {
         self.shows()?;
         self.rrd.as_deref().map_or(Ok(()), check_recording_place)?;
-        check_place(target, Holds::Result)?;
+        let staged = take_place(target, Holds::Result)?;
         self.set_threads()?;
         let begin = Instant::now();
-        let Input { inventory, problem, reference, warnings } = read(folder)?;
+        let Input { inventory, problem, reference, warnings, inputs } = read(folder)?;
         self.warn(&warnings);
-        let inputs = files::input_files(folder);
         let problem = computable(problem)?;
         let vehicles = inventory.vehicles.into_iter().map(|vehicle| vehicle.id).collect();
         let read_s = begin.elapsed().as_secs_f64();
-        Ok(Opened { problem, warnings, inputs, vehicles, reference, read_s })
+        Ok((Opened { problem, warnings, inputs, vehicles, reference, read_s }, staged))
     }
 }
 
@@ -329,11 +446,11 @@ impl OutputOptions {
 pub fn read(folder: &Path) -> Result<Input, Failure> {
     let invalid = |findings| Failure::Invalid(vec![(folder.to_owned(), findings)]);
     match files::read_problem(folder) {
-        Ok(Folder { inventory, problem, warnings }) => {
+        Ok(Folder { inventory, problem, warnings, inputs }) => {
             let vehicles: Vec<String> = inventory.vehicles.iter().map(|v| v.id.clone()).collect();
             let reference = reference::read_reference(folder, &vehicles).map_err(invalid)?;
             let warnings = warnings.into_iter().chain(reference.warnings.iter().cloned()).collect();
-            Ok(Input { inventory, problem, reference, warnings })
+            Ok(Input { inventory, problem, reference, warnings, inputs })
         }
         Err(findings) => Err(invalid(findings)),
     }
@@ -417,7 +534,7 @@ mod tests {
 
     #[test]
     fn a_report_quotes_what_changes_numbers() {
-        let of = |text: &str| told(text.split(' ').map(str::to_owned), Path::new("film/"));
+        let of = |text: &str| told(text.split(' ').map(OsString::from), Path::new("film/"));
         assert_eq!(
             of("refine film/ --out x -q --loss huber --threads=2"),
             "trackbundle refine PROBLEM --loss huber"
@@ -426,6 +543,17 @@ mod tests {
             assert_eq!(of(&format!("refine {shown} film/")), "trackbundle refine PROBLEM", "{shown}");
         }
         assert_eq!(of("refine --loss-shape=-2 --rrd r film/"), "trackbundle refine --loss-shape=-2 PROBLEM");
+    }
+
+    #[test]
+    fn threads_fit_into_their_address_space() {
+        let (cache, of_one) = (64 << 20, (80 + 128) << 20);
+        assert_eq!(threads_within(0, cache).0, 0);
+        let (_, least) = threads_within(0, cache);
+        assert_eq!(least, (300 << 20) + 2 * of_one);
+        assert_eq!(threads_within(least - 1, cache).0, 0);
+        assert_eq!(threads_within(least, cache).0, 1);
+        assert_eq!(threads_within(least + 3 * of_one, cache).0, 4);
     }
 
     #[test]

@@ -1,19 +1,24 @@
 //! What is said on the way.
 
 use super::Failure;
+use super::interrupts;
 use crate::initialise::Resection;
 use crate::refine::Progress;
 use crate::words::format;
 pub use crate::words::format::counted;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal, Write};
 use trackbundle_solver::minimise::IterationRecord;
 
 /// Prints to standard output. A reader that has gone away is no error.
 pub fn print(text: &str) -> Result<(), Failure> {
+    if interrupts::is_ending() {
+        return Ok(());
+    }
     let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match out.write_all(harmless(text).as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::Other(format!("standard output: {error}")))
         }
@@ -21,11 +26,32 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
+/// Prints a line to standard error. Nothing that fails there costs a result.
+pub fn tell(line: impl Display) {
+    if !interrupts::is_ending() {
+        let _ = writeln!(std::io::stderr().lock(), "{}", harmless(&line.to_string()));
+    }
+}
+
+/// A text without characters that a terminal obeys, or that turn the order of others: they are told by their numbers.
+fn harmless(text: &str) -> Cow<'_, str> {
+    let is_obeyed = |c: char| {
+        c.is_control() && !matches!(c, '\n' | '\t')
+            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}' | '\u{61c}')
+    };
+    if !text.contains(is_obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let mut told = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_obeyed(c) { told.extend(c.escape_unicode()) } else { told.push(c) }
+    }
+    Cow::Owned(told)
+}
+
 /// Prints warnings to standard error.
 pub fn warn_all<W: Display>(warnings: &[W]) {
-    for warning in warnings {
-        eprintln!("warning: {warning}");
-    }
+    warnings.iter().for_each(|warning| tell(format_args!("warning: {warning}")));
 }
 
 /// Where the progress of an adjustment goes: a table with `verbose`, else a bar on a terminal, else
@@ -40,7 +66,7 @@ pub fn progress(verbose: bool, quiet: bool, max_iterations: usize) -> Box<dyn Fn
     } else {
         Box::new(|progress| {
             if let Progress::Round(number, name) = progress {
-                eprintln!("round {number}: {name}");
+                tell(format_args!("round {number}: {name}"));
             }
         })
     }
@@ -51,14 +77,14 @@ fn table() -> impl FnMut(&Progress<'_>) {
     move |progress| match progress {
         Progress::Round(number, name) => {
             before_s = 0.0;
-            eprintln!("round {number}: {name}");
-            eprintln!(
-                "iter         cost       change   |gradient|       |step|    gain   damping  iter time  total time"
+            tell(format_args!("round {number}: {name}"));
+            tell(
+                "iter         cost       change   |gradient|       |step|    gain   damping  iter time  total time",
             );
         }
         Progress::Iteration(record, _) => {
             before_s += record.seconds;
-            eprintln!("{}", row(record, before_s));
+            tell(row(record, before_s));
         }
     }
 }
@@ -105,7 +131,7 @@ pub fn steps(quiet: bool) -> Box<dyn Fn(usize, usize) + Sync> {
         if done * 10 / all > (done - 1) * 10 / all {
             let passed_s = begin.elapsed().as_secs_f64();
             let left_s = passed_s * (all - done) as f64 / done as f64;
-            eprintln!("{done} of {all} steps, {passed_s:.0} s, {left_s:.0} s left");
+            tell(format_args!("{done} of {all} steps, {passed_s:.0} s, {left_s:.0} s left"));
         }
     })
 }
@@ -142,6 +168,13 @@ pub fn describe_resection(resection: Option<&Resection>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn terminals_obey_nothing_that_is_printed() {
+        assert_eq!(harmless("two lines\nand a\ttab, M\u{e4}rz"), "two lines\nand a\ttab, M\u{e4}rz");
+        let title = "a\u{1b}]0;title\u{7}b\r\u{9b}2J\u{202e}c";
+        assert_eq!(harmless(title), "a\\u{1b}]0;title\\u{7}b\\u{d}\\u{9b}2J\\u{202e}c");
+    }
 
     #[test]
     fn thousands_are_set_apart() {

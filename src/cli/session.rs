@@ -1,25 +1,30 @@
-//! What is seen while a command runs. Nothing that fails here costs a result: it is told, and the exit code says so.
+//! What is seen while a command runs, and what becomes of its end. Nothing that fails here costs a result: it is told,
+//! and the exit code says so.
 
 use super::Failure;
 use super::options::{OutputOptions, Written};
+use super::output::print;
+use crate::pipeline::guarded;
+use crate::report::folder::Staged;
+use crate::report::{FailedStepReport, Report};
 use trackbundle_viz::{Iteration, Layout, Live, Scene};
 
 /// A session in a viewer, if one is asked for.
 pub struct Session {
     live: Option<Live>,
-    failures: Vec<String>,
+    failure: Option<String>,
 }
 
 impl Session {
     /// Opens the session that is asked for. That it cannot be is told at once, and again at the end.
     pub fn open(output: &OutputOptions) -> Result<Self, Failure> {
-        let mut session = Session { live: None, failures: Vec::new() };
+        let mut session = Session { live: None, failure: None };
         if let Some(viewer) = output.viewer.viewer()? {
             match Live::open(&viewer, Layout::Overview) {
                 Ok(live) => session.live = Some(live),
                 Err(error) => {
                     output.warn(&[format!("nothing is shown: {error}")]);
-                    session.failures.push(error.to_string());
+                    session.failure = Some(error.to_string());
                 }
             }
         }
@@ -40,18 +45,40 @@ impl Session {
         }
     }
 
-    /// Shows the end, once the result is written; an error where something was not shown or recorded.
-    pub fn end(mut self, written: Written) -> Result<(), Failure> {
-        self.failures.extend(written.unrecorded);
-        if let (Some(live), Some(scene)) = (self.live, written.scene)
-            && let Err(error) = live.end(scene)
-        {
-            self.failures.push(error.to_string());
-        }
-        if self.failures.is_empty() {
-            return Ok(());
+    /// Shows the end, once the result is written. Steps that failed are added to what was written, and are an error.
+    pub fn end(
+        self,
+        output: &OutputOptions,
+        written: Written,
+        staged: &mut Staged,
+        report: &mut Report,
+    ) -> Result<(), Failure> {
+        let ended = match (self.live, written.scene) {
+            (Some(live), Some(scene)) => guarded(|| live.end(scene).map_err(|error| error.to_string())),
+            _ => Ok(()),
+        };
+        for why in self.failure.into_iter().chain(ended.err()) {
+            report.fail("viewer", why);
         }
         let folder = written.folder.display();
-        Err(Failure::Other(format!("the result in {folder} is complete, but: {}", self.failures.join("; "))))
+        let told = |failed: &FailedStepReport| match failed.step.as_str() {
+            "viewer" | "recording" => failed.why.clone(),
+            step => format!("{step}: {}", failed.why),
+        };
+        let failed: Vec<String> = report.failed_steps.iter().map(told).collect();
+        if failed.is_empty() {
+            return if output.json { print(&report.to_json()) } else { Ok(()) };
+        }
+        let json = report.to_json();
+        let replaced = staged.replace(&("report.json".to_owned(), json.clone().into_bytes()));
+        if output.json {
+            print(&json)?;
+        }
+        let not_told =
+            replaced.err().map_or(String::new(), |error| format!(" (report.json does not say so: {error})"));
+        Err(Failure::Other(format!(
+            "the result in {folder} is complete, but: {}{not_told}",
+            failed.join("; ")
+        )))
     }
 }

@@ -1,8 +1,9 @@
 //! `trackbundle simulate`.
 
 use super::Failure;
+use super::options::{put_in_place, take_place};
 use super::output::{counted, print};
-use crate::report::folder::{Holds, Staged};
+use crate::report::folder::Holds;
 use crate::simulate::{Chance, World, read_scenario, simulated_files};
 use crate::tables::Findings;
 use clap::Args;
@@ -39,7 +40,7 @@ pub fn invalid(scenario: &Path, findings: Findings) -> Failure {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let refused = |findings| invalid(&arguments.scenario, findings);
-    let staged = Staged::begin(&arguments.out, Holds::Problem)?;
+    let mut staged = take_place(&arguments.out, Holds::Problem)?;
     let scenario = read_scenario(&arguments.scenario).map_err(refused)?;
     let world = World::new(scenario, arguments.seed).map_err(refused)?;
     let chance = if arguments.exact { Chance::Exact } else { Chance::Run(0) };
@@ -52,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for file in simulated_files(&world, &video).map_err(refused)? {
         staged.write(&file).map_err(failed)?;
     }
-    let folder = staged.publish().map_err(failed)?;
+    let folder = put_in_place(&mut staged)?;
     if arguments.quiet {
         return Ok(());
     }

@@ -1,11 +1,12 @@
 //! `trackbundle study` and `trackbundle plan`.
 
 use super::Failure;
-use super::options::{command_told, set_threads};
+use super::interrupts;
+use super::options::{command_told, put_in_place, set_threads, take_place, thread_range};
 use super::output::{counted, print, steps};
 use super::simulate::invalid;
 use crate::page::study_page;
-use crate::report::folder::{Holds, Staged, check_place};
+use crate::report::folder::{Holds, Staged};
 use crate::report::{File, StudyReport, plan_table, study_files, video_files};
 use crate::study::plan::plan;
 use crate::study::summary::{rows, without_result};
@@ -30,7 +31,7 @@ pub struct Arguments {
     runs: Option<u32>,
 
     /// Threads to compute with; their number does not change the result [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = thread_range())]
     threads: Option<u16>,
 
     /// Print neither progress nor a summary; errors are always printed
@@ -65,7 +66,7 @@ fn unfinished(out: &Path) -> PathBuf {
 }
 
 fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
-    check_place(&arguments.out, Holds::Study)?;
+    let staged = take_place(&arguments.out, Holds::Study)?;
     let mut study = read_study(&arguments.study).map_err(|findings| invalid(&arguments.study, findings))?;
     if is_plan && study.wanted.is_none() {
         return Err(Failure::Usage(format!(
@@ -83,9 +84,14 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
         study.runs = runs as usize;
     }
     set_threads(arguments.threads)?;
-    let kept = Kept::open(&unfinished(&arguments.out), &study)?;
+    let place = unfinished(&arguments.out);
+    let kept = Kept::open(&place, &study)?;
+    interrupts::stands(format!(
+        "what is done is kept in {}; the same command goes on with it",
+        place.display()
+    ));
     if let Some(videos) = study.videos.as_ref().filter(|_| !is_plan) {
-        return run_judged(arguments, &study, videos, kept);
+        return run_judged(arguments, &study, videos, kept, staged);
     }
     let outcomes = {
         let told = steps(arguments.quiet);
@@ -98,7 +104,7 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
         command: &command_told(&arguments.study),
         plan: is_plan.then_some((choices.as_slice(), cheapest)),
     };
-    let folder = publish(arguments, study_files(&report, study_page(&report)), kept)?;
+    let folder = publish(arguments, study_files(&report, study_page(&report)), kept, staged)?;
     if !arguments.quiet {
         let mut text = summary(&study, &outcomes);
         if is_plan {
@@ -116,13 +122,17 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
 }
 
 /// Puts the files where they were asked for, all at once, and takes away what was kept until then.
-fn publish(arguments: &Arguments, files: Vec<File>, kept: Kept) -> Result<PathBuf, Failure> {
+fn publish(
+    arguments: &Arguments,
+    files: Vec<File>,
+    kept: Kept,
+    mut staged: Staged,
+) -> Result<PathBuf, Failure> {
     let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
-    let staged = Staged::begin(&arguments.out, Holds::Study)?;
     for file in files {
         staged.write(&file).map_err(failed)?;
     }
-    let folder = staged.publish().map_err(failed)?;
+    let folder = put_in_place(&mut staged)?;
     kept.remove().map_err(failed)?;
     Ok(folder)
 }
@@ -133,13 +143,14 @@ fn run_judged(
     study: &Study,
     videos: &VideoSettings,
     kept: Kept,
+    staged: Staged,
 ) -> Result<(), Failure> {
     let cells = {
         let told = steps(arguments.quiet);
         run_videos(study, videos, &kept, &*told)?
     };
     let files = video_files(study, videos, &cells, &command_told(&arguments.study));
-    let folder = publish(arguments, files, kept)?;
+    let folder = publish(arguments, files, kept, staged)?;
     if !arguments.quiet {
         print(&format!("{}folder      {}\n", videos_told(study, &cells), folder.display()))?;
     }

@@ -9,8 +9,9 @@ use super::options::{
     save_whole, without_rerun,
 };
 use super::output::warn_all;
+use crate::disk::InputFile;
 use crate::evaluate::{Clock, EvaluateOptions};
-use crate::files::{InputFile, RESIDUALS, input_files, read_poses, read_residuals};
+use crate::files::{RESIDUALS, read_poses, read_residuals};
 use crate::initialise::{Method, initialise};
 use crate::problem::Problem;
 use crate::reference::Reference;
@@ -93,7 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         (viewer, _) => viewer,
     };
     arguments.rrd.as_deref().map_or(Ok(()), check_recording_place)?;
-    let Input { inventory, problem, reference, warnings } = read(&arguments.problem)?;
+    let Input { inventory, problem, reference, warnings, inputs } = read(&arguments.problem)?;
     let problem = computable(problem)?;
     let initial = initialise(&problem, Method::RobustWhereNeeded)?;
     let results = match &arguments.results {
@@ -114,7 +115,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         problem: &problem,
         vehicles: inventory.vehicles.into_iter().map(|vehicle| vehicle.id).collect(),
         reference: &reference,
-        inputs: input_files(&arguments.problem),
+        inputs,
         start,
         options: EvaluateOptions { clock: arguments.clock_offset, ..EvaluateOptions::default() },
     };

@@ -22,8 +22,10 @@ pub const POSE_COLUMNS: [&str; 7] = ["x", "y", "z", "qw", "qx", "qy", "qz"];
 /// A number with so many digits after the point, without zeros at the end.
 pub fn decimal(value: f64, digits: i32) -> String {
     let unit = 10_f64.powi(digits);
+    let whole = (value * unit).round();
     // Adding zero takes the sign from -0.
-    format!("{}", (value * unit).round() / unit + 0.0)
+    let rounded = if whole.is_finite() { whole / unit + 0.0 } else { value };
+    format!("{rounded}")
 }
 
 /// A length.

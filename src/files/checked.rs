@@ -5,6 +5,7 @@ use super::problem_toml::Settings;
 use super::sections::vehicle::VehicleSettings;
 use super::tables::gnss;
 use super::tables::targets::TargetInventory;
+use crate::disk::InputFile;
 use crate::geometry::Pose;
 use crate::problem::{
     Frame, GroundKnowledge, Known, Problem, ReceivedPosition, ShapePoint, Target, TargetObservation, Vehicle,
@@ -22,6 +23,8 @@ pub struct Folder {
     pub problem: Result<Problem, Vec<String>>,
     /// What is odd.
     pub warnings: Vec<String>,
+    /// The files that it was read from.
+    pub inputs: Vec<InputFile>,
 }
 
 /// Tables that fit each other, as far as there are no findings.
@@ -44,7 +47,7 @@ pub(super) struct Checked<'t> {
 
 impl Checked<'_> {
     /// The folder of these vehicles, with the warnings of `findings`.
-    pub fn into_folder(self, vehicles: Vec<Vehicle>, findings: Findings) -> Folder {
+    pub fn into_folder(self, vehicles: Vec<Vehicle>, findings: Findings, inputs: Vec<InputFile>) -> Folder {
         let targets = TargetInventory::new(&self.targets, &self.target_observations, self.frames.len());
         let Settings { name, camera, .. } = self.settings;
         let poses = self.camera_poses.len();
@@ -57,7 +60,7 @@ impl Checked<'_> {
         }
         let warnings = findings.warnings().to_vec();
         if !not_supported.is_empty() {
-            return Folder { inventory, problem: Err(not_supported), warnings };
+            return Folder { inventory, problem: Err(not_supported), warnings, inputs };
         }
         let are_measured = self.settings.vehicle_poses_are_measured;
         let vehicles: Vec<Vehicle> = vehicles
@@ -83,7 +86,7 @@ impl Checked<'_> {
             receivers,
             video: self.video,
         };
-        Folder { inventory, problem: Ok(problem), warnings }
+        Folder { inventory, problem: Ok(problem), warnings, inputs }
     }
 
     /// The vehicles, with what is known of their points.

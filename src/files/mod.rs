@@ -2,8 +2,8 @@
 
 mod cells;
 mod checked;
-mod inputs;
 mod inventory;
+mod named;
 mod problem_folder;
 mod problem_toml;
 mod result_folder;
@@ -18,8 +18,8 @@ mod written;
 
 pub use cells::decimal;
 pub use checked::Folder;
-pub use inputs::{InputFile, input_file, input_files, named_text};
 pub use inventory::Inventory;
+pub use named::named_text;
 pub use problem_folder::{read_grid, read_problem};
 
 pub use result_folder::{ResultTracks, TrackPosition, read_tracks};

@@ -156,7 +156,7 @@ id = "car2"
             .replace("id = \"car2\"", "id = \"car1\"");
         let wanted = [
             "problem.toml:2: column format: expected 1, found \"2\"",
-            "problem.toml:6: column camera.width: expected a whole number above 0, found \"\\\"wide\\\"\"",
+            "problem.toml:6: column camera.width: expected a whole number from 1 to 1000000, found \"\\\"wide\\\"\"",
             "problem.toml:8: column camera.fx: expected a finite number above 0, found \"-2680\"",
             "problem.toml:4: column camera.cy: expected a finite number, found \"nothing\"",
             "problem.toml:13: column noise.vehicle_px: expected a finite number of at least 0, found \"-3.0\"",

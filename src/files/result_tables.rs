@@ -1,6 +1,7 @@
 //! The other tables of a result folder, read back: shapes, poses and the report.
 
 use super::rows::{CameraPoseResultRow, VehiclePointResultRow, VehiclePoseResultRow};
+use crate::disk;
 use crate::geometry::Pose;
 use crate::problem::Frame;
 use crate::tables::{self, Finding, Findings, Line};
@@ -158,7 +159,7 @@ impl Place {
 
 /// Reads `report.json` as whatever a room above knows it as; `None` without it.
 pub fn read_report<T: DeserializeOwned>(folder: &Path, findings: &mut Findings) -> Option<T> {
-    let text = std::fs::read(folder.join(REPORT)).ok()?;
+    let text = disk::read(&folder.join(REPORT)).ok()?;
     match serde_json::from_slice(&text) {
         Ok(report) => Some(report),
         Err(error) => {

@@ -3,13 +3,26 @@
 //! Units: metres, seconds, pixels; degrees where a name ends in `_deg`. Poses are `world_from_body`,
 //! quaternions scalar first. `docs/formats.md` says the rest.
 
-use crate::tables::{Column, ResultSigma, Row, input_row};
+use crate::tables::{Column, Kind, ResultSigma, Row, input_row};
 use serde::Serialize;
 
 /// The columns of a result table.
 pub trait ResultRow: Serialize {
     /// Their names.
     const HEADER: &'static [&'static str];
+    /// Which of them hold texts.
+    const TEXTS: &'static [bool];
+}
+
+/// Which columns hold texts.
+const fn texts<const N: usize>(columns: &[Column]) -> [bool; N] {
+    let mut texts = [false; N];
+    let mut at = 0;
+    while at < N {
+        texts[at] = matches!(columns[at].kind, Kind::Text | Kind::TextOrEmpty);
+        at += 1;
+    }
+    texts
 }
 
 /// The names of columns.
@@ -28,6 +41,7 @@ macro_rules! written_as_read {
     ($name:ident) => {
         impl ResultRow for $name {
             const HEADER: &'static [&'static str] = &names::<{ $name::COLUMNS.len() }>($name::COLUMNS);
+            const TEXTS: &'static [bool] = &texts::<{ $name::COLUMNS.len() }>($name::COLUMNS);
         }
     };
 }
@@ -119,6 +133,7 @@ macro_rules! result_row {
 
         impl ResultRow for $name {
             const HEADER: &'static [&'static str] = &[$(stringify!($column)),*];
+            const TEXTS: &'static [bool] = &[$(matches!(stringify!($type).as_bytes(), b"String")),*];
         }
     };
 }

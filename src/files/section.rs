@@ -4,7 +4,7 @@ use crate::tables::{Finding, Findings};
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, IntoDeserializer};
 use std::cell::RefCell;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -14,6 +14,8 @@ pub struct Document<'a> {
     text: &'a str,
     findings: RefCell<Findings>,
     is_strict: bool,
+    /// Where each line ends.
+    line_ends: Vec<usize>,
 }
 
 /// One table of it.
@@ -30,7 +32,9 @@ impl<'a> Document<'a> {
     /// The document `file` (relative to its folder) of this text, which may begin with a byte-order mark.
     pub fn new(file: &'a str, text: &'a str) -> Self {
         let text = text.trim_start_matches('\u{feff}');
-        Document { file, text, findings: RefCell::default(), is_strict: false }
+        let line_ends =
+            text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n').map(|(at, _)| at).collect();
+        Document { file, text, findings: RefCell::default(), is_strict: false, line_ends }
     }
 
     /// Makes a key that is not known a finding, not a warning.
@@ -64,8 +68,7 @@ impl<'a> Document<'a> {
     }
 
     fn line_of(&self, offset: usize) -> u64 {
-        let before = &self.text.as_bytes()[..offset.min(self.text.len())];
-        1 + before.iter().filter(|byte| **byte == b'\n').count() as u64
+        1 + self.line_ends.partition_point(|end| *end < offset) as u64
     }
 
     fn error(&self, finding: Finding) {
@@ -253,9 +256,10 @@ impl<'d, 't> Section<'d, 't> {
         id: impl Fn(&T) -> &str,
     ) -> Vec<T> {
         let mut things: Vec<T> = Vec::new();
+        let mut ids = HashSet::new();
         let found = self.tables(key, |section| {
             let thing = read(section)?;
-            if things.iter().any(|other| id(other) == id(&thing)) {
+            if !ids.insert(id(&thing).to_owned()) {
                 section.error("id", &format!("an id that no other {key} has"));
             }
             things.push(thing);

@@ -2,7 +2,7 @@
 //! What it does not say reads as a dash.
 
 use super::content::{Block, Section, Table};
-use crate::files::InputFile;
+use crate::disk::InputFile;
 use crate::problem::Problem;
 use crate::report::{ParameterReport, Report, ScaleReport, Sigma};
 use crate::words::format::{DASH, cm_or_dash, decimal, decimal_or_dash, percent_of, whole_or_dash};

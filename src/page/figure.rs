@@ -20,6 +20,8 @@ pub mod colour {
 const WIDTHS: [u32; 2] = [1400, 740];
 const FONT: &str = "sans-serif";
 const TEXT: i32 = 26;
+/// A number from here on is told in a power of ten: positions in a national grid are not.
+const LARGE: f64 = 1e9;
 
 /// What is drawn, from the bottom up.
 #[derive(Clone, Debug)]
@@ -159,6 +161,37 @@ impl Figure {
         [x, y]
     }
 
+    /// The same with the numbers of an axis multiplied.
+    fn multiplied(&self, axis: usize, factor: f64) -> Figure {
+        let mut figure = self.clone();
+        // Where x and y stand in the numbers of a layer.
+        let multiply = |numbers: &mut [f64], places: [&[usize]; 2]| {
+            places[axis].iter().for_each(|at| numbers[*at] *= factor);
+        };
+        for layer in &mut figure.layers {
+            match layer {
+                Layer::Line { points, .. } | Layer::Dots { points, .. } => {
+                    points.iter_mut().for_each(|point| multiply(point, [&[0], &[1]]));
+                }
+                Layer::Band { points, .. } => {
+                    points.iter_mut().for_each(|point| multiply(point, [&[0], &[1, 2]]));
+                }
+                Layer::Bars { bars, .. } => bars.iter_mut().for_each(|bar| multiply(bar, [&[0, 1], &[2]])),
+                Layer::Cells(cells) => {
+                    cells.iter_mut().for_each(|cell| multiply(cell, [&[0, 1], &[2, 3]]));
+                }
+                Layer::Arrows(arrows) => {
+                    arrows.iter_mut().flatten().for_each(|end| multiply(end, [&[0], &[1]]));
+                }
+                Layer::Level(y) => multiply(std::slice::from_mut(y), [&[], &[0]]),
+                Layer::Upright(x) => multiply(std::slice::from_mut(x), [&[0], &[]]),
+            }
+        }
+        let range = if axis == 0 { &mut figure.x_range } else { &mut figure.y_range };
+        range.iter_mut().flatten().for_each(|end| *end *= factor);
+        figure
+    }
+
     /// The drawing, or nothing where there is nothing to draw. Beside another it is narrower, with letters
     /// as large.
     pub fn svg(&self, is_beside: bool) -> Option<String> {
@@ -168,6 +201,20 @@ impl Figure {
             return None;
         }
         let [mut x, mut y] = self.ranges(&corners);
+        // Numbers of many digits are told in a power of ten.
+        for (axis, range) in [x, y].into_iter().enumerate() {
+            let most = range[0].abs().max(range[1].abs());
+            if !most.is_finite() {
+                return None;
+            }
+            if most >= LARGE {
+                let power = most.log10().floor() as i32;
+                let mut figure = self.multiplied(axis, 10_f64.powi(-power));
+                let label = if axis == 0 { &mut figure.x } else { &mut figure.y };
+                *label += &format!(" / 1e{power}");
+                return figure.svg(is_beside);
+            }
+        }
         let entries = self.entries();
         let legend = if entries.is_empty() { 0 } else { LEGEND_HEIGHT * rows_of(&entries, width) };
         let longest = y.iter().map(|v| decimal(*v, digits(y)).chars().count()).max().unwrap_or(0) as u32;

@@ -16,8 +16,9 @@ mod study;
 mod tests;
 mod track;
 
+use crate::disk::InputFile;
 use crate::evaluate::Evaluation;
-use crate::files::{InputFile, ResultResiduals, ResultTracks};
+use crate::files::{ResultResiduals, ResultTracks};
 use crate::problem::Problem;
 use crate::report::Report;
 use content::{Headline, Section};

@@ -153,8 +153,10 @@ fn histogram(all: &[&ResultResidual]) -> Figure {
 
 fn over_image(problem: &Problem, all: &[&ResultResidual]) -> Figure {
     const COLUMNS: usize = 16;
+    const MOST_ROWS: usize = 64;
     let [width, height] = problem.camera.size_px.map(f64::from);
-    let size = width / COLUMNS as f64;
+    // Whatever the shape of the image, there are not many of them.
+    let size = (width / COLUMNS as f64).max(height / MOST_ROWS as f64);
     let rows = (height / size).ceil().max(1.0) as usize;
     let mut sums = vec![(Vector2::<f64>::zeros(), 0_usize); COLUMNS * rows];
     for r in all {

@@ -17,7 +17,9 @@ use crate::initialise::{Initial, Method, NotResectable, initialise};
 use crate::problem::{Faults, Problem};
 use crate::refine::{Adjusted, NoSolution, ProgressSink, RefineOptions, adjust_network};
 use crate::tables::Findings;
+use std::any::Any;
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Instant;
 
@@ -97,8 +99,8 @@ pub struct Judged {
     pub adjusted: Adjusted,
     /// Standard deviations, observability, tests.
     pub diagnosis: Result<Diagnosis, NoSigmas>,
-    /// Whether the result can be relied on; `None` without a diagnosis.
-    pub verdict: Option<Verdict>,
+    /// Whether the result can be relied on; without a diagnosis it cannot.
+    pub verdict: Verdict,
     /// How long the adjustment took \[s\].
     pub refine_s: f64,
     /// How long the diagnosis took \[s\].
@@ -150,18 +152,41 @@ impl Started<'_> {
         progress: Option<ProgressSink<'_>>,
     ) -> Result<Judged, NoSolution> {
         let begin = Instant::now();
-        let mut adjusted = self.refine(&options.refine, progress)?;
+        let adjusted = self.refine(&options.refine, progress)?;
         let refine_s = begin.elapsed().as_secs_f64();
-        let begin = Instant::now();
-        let diagnosis = match diagnose_with_states(self.problem, &mut adjusted, options.states_hz) {
-            None => Err(NoSigmas::NoLeastSquares),
-            Some(found) => found.map_err(NoSigmas::NoCovariance),
-        };
-        let judge = |found: &Diagnosis| Verdict::new(self.problem, &adjusted.adjustment, found);
-        let verdict = diagnosis.as_ref().ok().map(judge);
-        let diagnose_s = begin.elapsed().as_secs_f64();
-        Ok(Judged { adjusted, diagnosis, verdict, refine_s, diagnose_s })
+        Ok(Judged { refine_s, ..self.judge(adjusted, options.states_hz) })
     }
+
+    /// The diagnosis and the verdict of an adjustment; `states_hz` is that of [`Options`], `refine_s` of what is
+    /// returned is zero. A diagnosis that fails in a way that was not foreseen costs standard deviations, not the
+    /// adjustment.
+    pub fn judge(&self, mut adjusted: Adjusted, states_hz: Option<f64>) -> Judged {
+        let begin = Instant::now();
+        let diagnose = AssertUnwindSafe(|| diagnose_with_states(self.problem, &mut adjusted, states_hz));
+        let diagnosis = match catch_unwind(diagnose) {
+            Ok(None) => Err(NoSigmas::NoLeastSquares),
+            Ok(Some(found)) => found.map_err(NoSigmas::NoCovariance),
+            Err(panic) => Err(NoSigmas::Failed(told(&*panic))),
+        };
+        let verdict = match &diagnosis {
+            Ok(found) => Verdict::new(self.problem, &adjusted.adjustment, found),
+            Err(why) => Verdict::not_diagnosed(&adjusted.adjustment, why.clone()),
+        };
+        let diagnose_s = begin.elapsed().as_secs_f64();
+        Judged { adjusted, diagnosis, verdict, refine_s: 0.0, diagnose_s }
+    }
+}
+
+/// Does something that must not cost what is done already; if it fails, or panics, the error says why.
+pub fn guarded<T>(step: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(step)).unwrap_or_else(|panic| Err(told(&*panic)))
+}
+
+/// What a panic says.
+fn told(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+    text.unwrap_or_else(|| "it does not say why".to_owned())
 }
 
 /// Reads a problem folder and adjusts it.

@@ -18,8 +18,8 @@ pub struct Outcome {
     pub adjusted: Adjusted,
     /// Standard deviations, observability, tests.
     pub diagnosis: Result<Diagnosis, NoSigmas>,
-    /// Whether the result can be relied on; `None` without a diagnosis.
-    pub verdict: Option<Verdict>,
+    /// Whether the result can be relied on; without a diagnosis it cannot.
+    pub verdict: Verdict,
     /// What is odd in the folder that the problem was read from.
     pub input_warnings: Vec<String>,
     /// How long each stage took.

@@ -9,6 +9,7 @@
 //!   0   0   0 1
 //! ```
 
+use crate::disk;
 use crate::geometry::Pose;
 use crate::tables::{Finding, Findings};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -29,7 +30,7 @@ pub fn read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings)
         if std::fs::symlink_metadata(&path).is_err() {
             continue;
         }
-        match std::fs::read_to_string(&path) {
+        match disk::read_text(&path) {
             Ok(text) => found.extend(parse(&text, &file, findings).map(|pose| (vehicle.clone(), pose))),
             Err(error) => {
                 findings.error(Finding::of_file(&file, "a text that can be read", &error.to_string()));

@@ -13,6 +13,7 @@ use crate::tables::{Finding, Findings};
 pub use gnss::GnssPosition;
 pub use receiver::World;
 pub use scan::{Scan, read_cloud};
+use std::io::ErrorKind;
 use std::path::Path;
 pub use truth::{TrueShape, read as read_true_shapes};
 
@@ -32,7 +33,17 @@ pub struct Reference {
 }
 
 fn warn_of_files_not_read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings) {
-    let Ok(entries) = std::fs::read_dir(problem_folder.join("reference")) else { return };
+    let entries = match std::fs::read_dir(problem_folder.join("reference")) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == ErrorKind::NotFound => return,
+        Err(error) => {
+            return findings.error(Finding::of_file(
+                "reference",
+                "a folder that can be read",
+                &error.to_string(),
+            ));
+        }
+    };
     let is_read = |name: &str| {
         [gnss::FILE, receiver::SETTING_FILE].contains(&format!("reference/{name}").as_str())
             || receiver::is_track(name, vehicles)

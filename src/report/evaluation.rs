@@ -40,6 +40,8 @@ pub struct EvaluationReport {
     pub shapes_not_compared: Vec<NotComparedReport>,
     /// What is odd.
     pub warnings: Vec<String>,
+    /// The files of its folder, where there is one: what another comparison may replace.
+    pub files: Vec<String>,
 }
 
 /// A vehicle that was not compared.
@@ -365,6 +367,7 @@ pub fn evaluation_report(
         shapes: evaluation.shapes.iter().map(shape_report).collect(),
         shapes_not_compared: missing(&evaluation.shapes_not_compared),
         warnings,
+        files: Vec::new(),
     }
 }
 

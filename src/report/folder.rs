@@ -1,9 +1,15 @@
 //! The result folder: whole or not at all.
 
 use super::File;
+use crate::disk::{self, Place, PlaceFault, Published};
 use serde::Deserialize;
-use std::io;
+use std::collections::BTreeSet;
+use std::fs::{DirEntry, OpenOptions};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+
+/// So many files are named that are not its own.
+const MOST_NAMED: usize = 5;
 
 /// What a folder holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,53 +35,13 @@ impl Holds {
         }
     }
 
-    /// Beginnings and ends of the names of its files.
-    fn names(self) -> &'static [(&'static str, &'static str)] {
+    fn article_and_name(self) -> &'static str {
         match self {
-            Holds::Result => &[
-                ("camera_poses.csv", ""),
-                ("report.json", ""),
-                ("residuals.csv", ""),
-                ("residuals_start.csv", ""),
-                ("session.rrd", ""),
-                ("states.csv", ""),
-                ("targets.csv", ""),
-                ("trajectories.csv", ""),
-                ("vehicle_points.csv", ""),
-                ("vehicle_poses.csv", ""),
-                ("shape_", ".ply"),
-            ],
-            Holds::Evaluation => &[
-                ("evaluation.json", ""),
-                ("report.html", ""),
-                ("shape_distances.csv", ""),
-                ("track_differences.csv", ""),
-                ("evo_", ".zip"),
-                ("poses_", ".kitti"),
-                ("reference_", ".kitti"),
-                ("reference_", ".tum"),
-                ("scan_", ".ply"),
-                ("shape_", ".ply"),
-                ("track_", ".tum"),
-            ],
-            Holds::Problem => &[],
-            Holds::Study => &[
-                ("cells.csv", ""),
-                ("plan.csv", ""),
-                ("report.html", ""),
-                ("study.json", ""),
-                ("summary.csv", ""),
-                ("videos.csv", ""),
-            ],
+            Holds::Result => "a result",
+            Holds::Evaluation => "an evaluation",
+            Holds::Problem => "a problem",
+            Holds::Study => "a study",
         }
-    }
-
-    /// Whether a file of this name can be its own.
-    fn owns(self, name: &str) -> bool {
-        self.names().iter().any(|(begin, end)| match *end {
-            "" => name == *begin,
-            end => name.starts_with(begin) && name.ends_with(end),
-        })
     }
 }
 
@@ -84,12 +50,14 @@ pub const PROGRAM_KEY: &str = "program";
 /// Its value.
 pub const PROGRAM: &str = "trackbundle";
 
-/// A result folder in the making, beside its place. Dropped before [`Staged::publish`], it leaves
-/// nothing behind.
+/// A place for a folder, and the folder in the making. Dropped before [`Staged::publish`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct Staged {
-    target: PathBuf,
+    place: Place,
+    holds: Holds,
     stage: PathBuf,
+    /// The names of its files.
+    files: BTreeSet<String>,
 }
 
 /// Why a place cannot take a result.
@@ -99,13 +67,16 @@ pub enum PlaceError {
     #[error(
         "{0} exists{what}; it is left as it is (choose another place with --out)",
         what = match .1 {
-            Holds::Result => " and is not a result of trackbundle, or holds other files too",
-            Holds::Evaluation => " and is not an evaluation of trackbundle, or holds other files too",
-            Holds::Study => " and is not a study of trackbundle, or holds other files too",
-            Holds::Problem => "",
+            Holds::Problem => String::new(),
+            holds => format!(
+                " and is not {} of trackbundle, or holds other files too ({})", holds.article_and_name(), .2
+            ),
         }
     )]
-    Occupied(PathBuf, Holds),
+    Occupied(PathBuf, Holds, String),
+    /// Another process is making a result for it.
+    #[error("{0}: another trackbundle is at work on this place")]
+    Busy(PathBuf),
     /// The place cannot be used.
     #[error("{path}: {source}")]
     Io {
@@ -121,82 +92,134 @@ pub fn check_place(target: &Path, holds: Holds) -> Result<(), PlaceError> {
     match std::fs::symlink_metadata(target) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         Err(source) => Err(PlaceError::Io { path: target.to_owned(), source }),
-        Ok(_) if is_own(target, holds) => Ok(()),
-        Ok(_) => Err(PlaceError::Occupied(target.to_owned(), holds)),
+        Ok(_) => {
+            let occupied = |why| PlaceError::Occupied(target.to_owned(), holds, why);
+            what_else(target, holds).map_or(Ok(()), |why| Err(occupied(why)))
+        }
     }
 }
 
 /// What every folder of this program says in the file that it is known by.
 #[derive(Default, Deserialize)]
+#[serde(default)]
 struct Made {
     program: String,
+    files: Vec<String>,
 }
 
-/// Whether a folder was written by this program and holds nothing else.
-fn is_own(folder: &Path, holds: Holds) -> bool {
-    let Ok(text) = std::fs::read_to_string(folder.join(holds.known_by())) else { return false };
-    let made: Made = serde_json::from_str(&text).unwrap_or_default();
-    let is_ours = |name: &str| holds.owns(name);
-    made.program == PROGRAM
-        && std::fs::read_dir(folder).is_ok_and(|mut entries| {
-            entries.all(|entry| entry.is_ok_and(|entry| entry.file_name().to_str().is_some_and(is_ours)))
-        })
+/// Why a folder is not one that was written by this program and holds nothing else: only what it lists itself is its own.
+fn what_else(folder: &Path, holds: Holds) -> Option<String> {
+    let known_by = holds.known_by();
+    if holds == Holds::Problem {
+        return Some(String::new());
+    }
+    let Ok(text) = disk::read(&folder.join(known_by)) else { return Some(format!("it has no {known_by}")) };
+    let made: Made = serde_json::from_slice(&text).unwrap_or_default();
+    if made.program != PROGRAM {
+        return Some(format!("{known_by} is not of this program"));
+    }
+    let listed: BTreeSet<&str> = made.files.iter().map(String::as_str).chain([known_by]).collect();
+    let entries = match std::fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) => return Some(error.to_string()),
+    };
+    let other = |entry: io::Result<DirEntry>| {
+        let Ok(entry) = entry else { return Some("what cannot be read".to_owned()) };
+        let name = entry.file_name();
+        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+        let is_listed = name.to_str().is_some_and(|name| listed.contains(name));
+        (!is_file || !is_listed).then(|| name.to_string_lossy().into_owned())
+    };
+    let mut others: Vec<String> = entries.filter_map(other).collect();
+    others.sort();
+    let more = others.len().saturating_sub(MOST_NAMED);
+    others.truncate(MOST_NAMED);
+    if more > 0 {
+        others.push(format!("{more} more"));
+    }
+    (!others.is_empty()).then(|| format!("{known_by} does not list {}", others.join(", ")))
 }
 
 impl Staged {
-    /// Begins a folder at `target`.
+    /// Takes the place, and begins a folder for it.
     pub fn begin(target: &Path, holds: Holds) -> Result<Self, PlaceError> {
         check_place(target, holds)?;
-        // A link to a result stays a link.
-        let target = std::fs::canonicalize(target).unwrap_or_else(|_| target.to_owned());
-        let stage = beside(&target, "partial");
-        let io = |source| PlaceError::Io { path: target.clone(), source };
-        if let Some(parent) = stage.parent() {
-            std::fs::create_dir_all(parent).map_err(io)?;
-        }
-        std::fs::create_dir(&stage).map_err(io)?;
-        Ok(Staged { target, stage })
+        let at = |fault| match fault {
+            PlaceFault::Busy => PlaceError::Busy(target.to_owned()),
+            PlaceFault::Io(source) => PlaceError::Io { path: target.to_owned(), source },
+        };
+        let place = Place::take(target).map_err(at)?;
+        let stage = place.stage_folder().map_err(|source| at(source.into()))?;
+        Ok(Staged { place, holds, stage, files: BTreeSet::new() })
     }
 
-    /// Where a file of the folder is made.
-    pub fn path(&self, name: &str) -> PathBuf {
+    /// Where it will stand.
+    pub fn target(&self) -> &Path {
+        self.place.target()
+    }
+
+    /// Left-overs of processes that died, which were cleared up.
+    pub fn cleared(&self) -> &[PathBuf] {
+        &self.place.cleared
+    }
+
+    /// Where a file of the folder is made by others.
+    pub fn path(&mut self, name: &str) -> PathBuf {
+        self.files.insert(name.to_owned());
         self.stage.join(name)
     }
 
+    /// Takes a file away again.
+    pub fn take_back(&mut self, name: &str) {
+        self.files.remove(name);
+        // Nothing is left to do about a failure here.
+        let _ = std::fs::remove_file(self.stage.join(name));
+    }
+
+    /// The names of its files so far, with that by which it is known: what the folder lists of itself.
+    pub fn files(&self) -> Vec<String> {
+        let known_by = Some(self.holds.known_by().to_owned());
+        self.files.iter().cloned().chain(known_by).collect::<BTreeSet<_>>().into_iter().collect()
+    }
+
     /// Writes a file of the folder, which may be in a folder of it.
-    pub fn write(&self, (name, bytes): &File) -> io::Result<()> {
+    pub fn write(&mut self, (name, bytes): &File) -> io::Result<()> {
         let path = self.path(name);
         if let Some(parent) = path.parent() {
             std::fs::create_dir_all(parent)?;
         }
-        std::fs::write(path, bytes)
+        let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        file.write_all(bytes)
     }
 
-    /// Puts everything in its place; a result that stood there is replaced.
-    pub fn publish(self) -> io::Result<PathBuf> {
-        let old = beside(&self.target, "old");
-        let replaces = std::fs::symlink_metadata(&self.target).is_ok();
-        if replaces {
-            std::fs::rename(&self.target, &old)?;
+    /// Puts everything in its place; a result that stood there is replaced. After that a new folder is begun for the
+    /// same place.
+    pub fn publish(&mut self) -> io::Result<Published> {
+        let published = self.place.publish()?;
+        self.files.clear();
+        if published.not_removed.is_none() {
+            self.stage = self.place.stage_folder()?;
         }
-        if let Err(error) = std::fs::rename(&self.stage, &self.target) {
-            if replaces {
-                std::fs::rename(&old, &self.target)?;
-            }
-            return Err(error);
-        }
-        if replaces {
-            std::fs::remove_dir_all(&old)?;
-        }
-        Ok(self.target.clone())
+        Ok(published)
+    }
+
+    /// Replaces one file of what was published.
+    pub fn replace(&mut self, (name, bytes): &File) -> io::Result<()> {
+        self.write(&(name.clone(), bytes.clone()))?;
+        std::fs::rename(self.stage.join(name), self.place.target().join(name))
     }
 }
 
-impl Drop for Staged {
-    fn drop(&mut self) {
-        // Nothing is left to do about a failure here.
-        let _ = std::fs::remove_dir_all(&self.stage);
-    }
+/// Whether a single file can be made at this place.
+pub fn whole_file_can_be(target: &Path) -> Result<(), String> {
+    place_of_file(target).map(|_| ())
+}
+
+fn place_of_file(target: &Path) -> Result<Place, String> {
+    Place::take(target).map_err(|fault| match fault {
+        PlaceFault::Busy => PlaceError::Busy(target.to_owned()).to_string(),
+        PlaceFault::Io(error) => format!("{}: {error}", target.display()),
+    })
 }
 
 /// Makes a single file with `write`: it appears whole or not at all. The error is told with what it is about.
@@ -204,21 +227,11 @@ pub fn whole_file<E: std::fmt::Display>(
     target: &Path,
     write: impl FnOnce(&Path) -> Result<(), E>,
 ) -> Result<(), String> {
-    let stage = beside(target, "partial");
     let told = |error: &dyn std::fmt::Display| format!("{}: {error}", target.display());
-    let written = write(&stage).map_err(|error| told(&error));
-    let moved = written.and_then(|()| std::fs::rename(&stage, target).map_err(|error| told(&error)));
-    if moved.is_err() {
-        // Nothing is left to do about a failure here.
-        let _ = std::fs::remove_file(&stage);
-    }
-    moved
-}
-
-/// A hidden place in the same folder, so that moving from there is one step.
-fn beside(target: &Path, what: &str) -> PathBuf {
-    let name = target.file_name().unwrap_or_default().to_string_lossy();
-    target.with_file_name(format!(".{name}.{what}-{}", std::process::id()))
+    let mut place = place_of_file(target)?;
+    let stage = place.stage_file().map_err(|error| told(&error))?;
+    write(&stage).map_err(|error| told(&error))?;
+    place.publish().map(|_| ()).map_err(|error| told(&error))
 }
 
 #[cfg(test)]
@@ -238,28 +251,38 @@ mod tests {
         (name.to_owned(), text.as_bytes().to_vec())
     }
 
+    fn of(program: &str, files: &[&str]) -> Vec<u8> {
+        serde_json::json!({ "program": program, "files": files }).to_string().into_bytes()
+    }
+
     #[test]
     fn a_result_appears_whole_and_replaces_an_older_one() {
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("deep/result");
         for text in ["one", "two"] {
-            let staged = Staged::begin(&target, Holds::Result).unwrap();
-            staged
-                .write(&file("report.json", &format!("{{\"program\": \"trackbundle\", \"n\": \"{text}\"}}")))
-                .unwrap();
+            let mut staged = Staged::begin(&target, Holds::Result).unwrap();
             let cloud = format!("shape_{text}.ply");
             staged.write(&file(&cloud, text)).unwrap();
+            assert_eq!(staged.files(), ["report.json".to_owned(), cloud.clone()]);
+            staged.write(&("report.json".to_owned(), of("trackbundle", &["report.json", &cloud]))).unwrap();
             assert!(!target.join(&cloud).exists());
             staged.publish().unwrap();
             assert_eq!(names(&target), ["report.json".to_owned(), cloud]);
+            // Once more from the same place: what is in the making is empty again.
+            assert_eq!(staged.files(), ["report.json"]);
+            staged
+                .replace(&("report.json".to_owned(), of("trackbundle", &[&format!("shape_{text}.ply")])))
+                .unwrap();
+            drop(staged);
             assert_eq!(names(target.parent().unwrap()), ["result"]);
+            assert_eq!(names(&target).len(), 2);
         }
     }
 
     #[test]
     fn what_is_given_up_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        let staged = Staged::begin(&folder.path().join("result"), Holds::Result).unwrap();
+        let mut staged = Staged::begin(&folder.path().join("result"), Holds::Result).unwrap();
         staged.write(&file("a", "b")).unwrap();
         drop(staged);
         assert!(names(folder.path()).is_empty());
@@ -275,51 +298,48 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_no_result_is_left_alone() {
+    fn a_place_in_use_is_told() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(
-            matches!(Staged::begin(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))),
-            "empty"
-        );
-        std::fs::write(folder.path().join("report.json"), "{\"program\": \"other\"}").unwrap();
-        assert!(
-            matches!(Staged::begin(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))),
-            "another's"
-        );
-        std::fs::write(folder.path().join("report.json"), "{\"program\": \"trackbundle\"}").unwrap();
-        assert!(check_place(folder.path(), Holds::Result).is_ok());
-        std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
-        assert!(
-            matches!(Staged::begin(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))),
-            "with a note"
-        );
-        assert_eq!(names(folder.path()), ["notes.txt", "report.json"]);
+        let target = folder.path().join("result");
+        let _first = Staged::begin(&target, Holds::Result).unwrap();
+        assert!(matches!(Staged::begin(&target, Holds::Result), Err(PlaceError::Busy(_))));
+    }
+
+    fn refused(folder: &Path, holds: Holds) -> String {
+        check_place(folder, holds).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_a_folder_does_not_list_itself_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+        assert!(refused(folder.path(), Holds::Result).contains("it has no report.json"), "empty");
+        put("report.json", &of("other", &[]));
+        assert!(refused(folder.path(), Holds::Result).contains("not of this program"));
+        put("report.json", &of("trackbundle", &["shape_car1.ply", "states.csv"]));
+        put("shape_car1.ply", b"");
+        check_place(folder.path(), Holds::Result).unwrap();
+        // Whatever its name looks like.
+        put("shape_car1_cleaned.ply", b"mine");
+        assert!(refused(folder.path(), Holds::Result).contains("does not list shape_car1_cleaned.ply)"));
+        std::fs::remove_file(folder.path().join("shape_car1_cleaned.ply")).unwrap();
+        std::fs::create_dir(folder.path().join("states.csv")).unwrap();
+        assert!(refused(folder.path(), Holds::Result).contains("does not list states.csv)"), "a folder");
+        for at in 0..9 {
+            put(&format!("notes{at}.txt"), b"mine");
+        }
+        assert!(refused(folder.path(), Holds::Result).contains("notes3.txt, notes4.txt, 5 more)"));
     }
 
     #[test]
     fn results_and_evaluations_do_not_replace_each_other() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("evaluation.json"), "{\"program\": \"trackbundle\"}").unwrap();
-        std::fs::write(folder.path().join("report.html"), "").unwrap();
-        assert!(check_place(folder.path(), Holds::Evaluation).is_ok());
-        assert!(matches!(check_place(folder.path(), Holds::Result), Err(PlaceError::Occupied(..))));
-        for name in [
-            "evo_car1.zip",
-            "poses_car1.kitti",
-            "reference_car1.kitti",
-            "reference_car1.tum",
-            "scan_car1.ply",
-            "shape_car1.ply",
-            "shape_distances.csv",
-            "track_car1.tum",
-            "track_differences.csv",
-        ] {
-            assert!(Holds::Evaluation.owns(name), "{name}");
-            std::fs::write(folder.path().join(name), "").unwrap();
-        }
-        assert!(check_place(folder.path(), Holds::Evaluation).is_ok());
-        for name in ["scan_car1.csv", "car1.zip", "track_car1.kitti", "track_differences_car1.csv"] {
-            assert!(!Holds::Evaluation.owns(name), "{name}");
+        let put = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+        put("evaluation.json", &of("trackbundle", &["evaluation.json", "report.html"]));
+        put("report.html", b"");
+        check_place(folder.path(), Holds::Evaluation).unwrap();
+        for holds in [Holds::Result, Holds::Study, Holds::Problem] {
+            assert!(matches!(check_place(folder.path(), holds), Err(PlaceError::Occupied(..))));
         }
     }
 }

@@ -8,8 +8,8 @@ use super::diagnosis::{
 use super::finding::{FindingReport, number};
 use super::folder::PROGRAM;
 use crate::diagnose::observability::Observability;
-use crate::diagnose::{Diagnosis, Verdict};
-use crate::files::InputFile;
+use crate::diagnose::{Diagnosis, NoSigmas, Verdict};
+use crate::disk::InputFile;
 use crate::initialise::resection::Status;
 use crate::initialise::{Initial, Resection};
 use crate::problem::Problem;
@@ -125,6 +125,21 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// The same for programs, in the same order.
     pub findings: Vec<FindingReport>,
+    /// What failed once the adjustment was done, and why.
+    pub failed_steps: Vec<FailedStepReport>,
+    /// The files of the folder, this one among them: what another result may replace.
+    pub files: Vec<String>,
+}
+
+/// A step after the adjustment that failed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(default)]
+pub struct FailedStepReport {
+    /// `diagnosis`, `recording`, `viewer` or `comparison`.
+    pub step: String,
+    /// Why.
+    pub why: String,
 }
 
 /// What became of the image points. `given` is the sum of all others.
@@ -565,9 +580,28 @@ impl Report {
         self.observability = Some(observability_report(found));
     }
 
-    /// Adds what a diagnosis says.
-    pub fn add_diagnosis(&mut self, problem: &Problem, diagnosis: &Diagnosis, verdict: &Verdict) {
+    /// Adds the verdict.
+    pub fn add_verdict(&mut self, verdict: &Verdict) {
         self.verdict = Some(verdict_report(verdict));
+    }
+
+    /// Adds the verdict, and what a diagnosis says or why there is none.
+    pub fn add_judged(
+        &mut self,
+        problem: &Problem,
+        diagnosis: &Result<Diagnosis, NoSigmas>,
+        verdict: &Verdict,
+    ) {
+        self.add_verdict(verdict);
+        match diagnosis {
+            Ok(diagnosis) => self.add_diagnosis(problem, diagnosis),
+            Err(NoSigmas::Failed(why)) => self.fail("diagnosis", why.clone()),
+            Err(_) => {}
+        }
+    }
+
+    /// Adds what a diagnosis says.
+    fn add_diagnosis(&mut self, problem: &Problem, diagnosis: &Diagnosis) {
         self.observability = diagnosis.observability.as_ref().map(observability_report);
         self.sigmas_are_upper_bounds = diagnosis.is_upper_bound;
         self.statistics = Some(statistics_report(problem, diagnosis));
@@ -592,6 +626,11 @@ impl Report {
             sha256: sha256.clone(),
         };
         self.inputs = inputs.iter().map(report).collect();
+    }
+
+    /// Adds a step after the adjustment that failed.
+    pub fn fail(&mut self, step: &str, why: String) {
+        self.failed_steps.push(FailedStepReport { step: step.to_owned(), why });
     }
 
     /// The verdict and what it rests on as a document to read.

@@ -19,9 +19,9 @@ pub use document::document;
 pub use evaluation::{EvaluationReport, evaluation_report};
 pub use exports::exports;
 pub use finding::FindingReport;
-pub use json::{Report, report_of_adjustment, report_of_initial, resection_report};
+pub use json::{FailedStepReport, Report, report_of_adjustment, report_of_initial, resection_report};
 pub use study::{StudyReport, plan_table, study_files, video_files};
-pub use tables::{result_tables, start_residuals_table, states_table, targets_table};
+pub use tables::{finite_alone, result_tables, start_residuals_table, states_table, targets_table};
 
 use crate::estimate::Estimate;
 use crate::problem::Problem;

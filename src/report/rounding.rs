@@ -10,7 +10,9 @@ pub const PIXEL: f64 = 1e7;
 
 /// `value` to the nearest `1 / steps`, and never "-0".
 pub fn round(value: f64, steps: f64) -> f64 {
-    (value * steps).round() / steps + 0.0
+    let whole = (value * steps).round();
+    // Beyond what has a digit left after the point.
+    if whole.is_finite() { whole / steps + 0.0 } else { value }
 }
 
 /// A length as it is written.
@@ -27,5 +29,6 @@ mod tests {
         assert_eq!(round(1.234_567_890_49, METRE), 1.234_567_890);
         assert_eq!(round(-1e-12, METRE).to_string(), "0");
         assert_eq!(round(f64::INFINITY, METRE), f64::INFINITY);
+        assert_eq!(round(-1e300, METRE), -1e300);
     }
 }

@@ -35,6 +35,7 @@ pub fn study_files(report: &StudyReport, page: String) -> Vec<File> {
     files.push(study_json(
         study,
         command,
+        &files,
         json!({
             "axes": study.axes.iter().map(|axis| json!({
                 "parameter": axis.parameter,
@@ -58,6 +59,7 @@ pub fn video_files(study: &Study, videos: &VideoSettings, cells: &[Videos], comm
     files.push(study_json(
         study,
         command,
+        &files,
         json!({
             "cells": cells.len(),
             "videos_per_cell": study.runs,
@@ -68,7 +70,8 @@ pub fn video_files(study: &Study, videos: &VideoSettings, cells: &[Videos], comm
 }
 
 /// `study.json`: what was asked, in the middle what is `own`, and all that it depends on.
-fn study_json(study: &Study, command: &str, own: Value) -> File {
+fn study_json(study: &Study, command: &str, files: &[File], own: Value) -> File {
+    let names = files.iter().map(|(name, _)| name.as_str());
     let mut summary = json!({
         PROGRAM_KEY: PROGRAM,
         "version": env!("CARGO_PKG_VERSION"),
@@ -80,6 +83,8 @@ fn study_json(study: &Study, command: &str, own: Value) -> File {
     if let (Value::Object(all), Value::Object(own)) = (&mut summary, own) {
         all.extend(own);
         all.insert("inputs".to_owned(), json!(study.inputs));
+        // By these another study knows what it may replace.
+        all.insert("files".to_owned(), json!(names.chain(["study.json"]).collect::<Vec<_>>()));
     }
     let mut text = serde_json::to_string_pretty(&summary).expect("plain values");
     text.push('\n');

@@ -13,6 +13,7 @@ use crate::geometry::{Pose, quaternion_wxyz};
 use crate::problem::{Problem, Role, Target};
 use crate::refine::{CheckPoint, Fits, ImagePointVerdict, ObservationFit};
 use crate::tables::ResultSigma;
+use crate::words::Warning;
 use nalgebra::{Point3, Vector2};
 
 /// All tables and clouds of a result; standard deviations that are not there are left empty.
@@ -64,6 +65,63 @@ pub(super) fn table<R: ResultRow>(name: &str, rows: Vec<R>) -> File {
         writer.serialize(row).expect("a row of plain values");
     }
     (name.to_owned(), writer.into_inner().expect("writing to memory"))
+}
+
+/// Whether a cell holds what is no number; standard deviations may be infinite.
+fn is_no_number(column: &str, cell: &[u8]) -> bool {
+    let may_be_infinite = column.starts_with("sigma_") || column.starts_with("reference_sigma_");
+    matches!(cell, b"NaN" | b"-inf") || cell == b"inf" && !may_be_infinite
+}
+
+/// Which columns of a table hold texts.
+fn texts_of(table: &str) -> Option<&'static [bool]> {
+    Some(match table {
+        "camera_poses.csv" => CameraPoseResult::TEXTS,
+        "vehicle_poses.csv" => VehiclePoseResult::TEXTS,
+        "vehicle_points.csv" => VehiclePointResult::TEXTS,
+        "trajectories.csv" => TrajectoryResult::TEXTS,
+        "states.csv" => StateResult::TEXTS,
+        RESULT_TARGETS => TargetResultRow::TEXTS,
+        RESIDUALS | START_RESIDUALS => ResidualRow::TEXTS,
+        _ => return None,
+    })
+}
+
+/// Leaves cells of tables empty that hold no finite number (but for standard deviations of what nothing determines), and
+/// tells in which columns, and how many.
+pub fn finite_alone(files: &mut [File]) -> Vec<Warning> {
+    let mut told = Vec::new();
+    for (name, bytes) in files {
+        let Some(texts) = texts_of(name) else { continue };
+        if !bytes.windows(3).any(|three| three == b"NaN" || three == b"inf") {
+            continue;
+        }
+        let (cleared, counts) = with_numbers_alone(bytes, texts);
+        *bytes = cleared;
+        let warning = |(column, cells)| Warning::NotFinite { table: name.clone(), column, cells };
+        told.extend(counts.into_iter().map(warning));
+    }
+    told
+}
+
+/// A table without what is no number, and how many cells of which columns those were.
+fn with_numbers_alone(bytes: &[u8], texts: &[bool]) -> (Vec<u8>, Vec<(String, usize)>) {
+    let mut reader = csv::ReaderBuilder::new().from_reader(bytes);
+    let header = reader.headers().expect("a table that was just written").clone();
+    let mut counts = vec![0; header.len()];
+    let mut writer = csv::WriterBuilder::new().from_writer(Vec::with_capacity(bytes.len()));
+    writer.write_record(&header).expect("writing to memory");
+    for record in reader.byte_records() {
+        let record = record.expect("a table that was just written");
+        let cells = record.iter().enumerate().map(|(at, cell)| {
+            let is_number = texts[at] || !is_no_number(&header[at], cell);
+            counts[at] += usize::from(!is_number);
+            if is_number { cell } else { &[][..] }
+        });
+        writer.write_record(cells.collect::<Vec<_>>()).expect("writing to memory");
+    }
+    let counts = header.iter().map(str::to_owned).zip(counts).filter(|(_, count)| *count > 0).collect();
+    (writer.into_inner().expect("writing to memory"), counts)
 }
 
 /// Position and quaternion as they are written.

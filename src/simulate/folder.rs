@@ -2,6 +2,7 @@
 
 use super::video::GRID_DIGITS;
 use super::{SimulatedVideo, World};
+use crate::disk;
 use crate::files::{camera_pose_table, decimal, problem_files, vehicle_pose_table};
 use crate::geometry::Pose;
 use crate::problem::{GroundKnowledge, Problem};
@@ -85,7 +86,7 @@ fn written_grid(world: &World, problem: &Problem) -> Result<Option<(String, Vec<
         return Ok(Some(("terrain.asc".to_owned(), grid_written(known).into_bytes())));
     };
     let extension = Path::new(file).extension().and_then(|e| e.to_str()).unwrap_or("asc");
-    let bytes = std::fs::read(world.scenario.folder.join(file))
+    let bytes = disk::read(&world.scenario.folder.join(file))
         .map_err(|error| Finding::of_file(file, "a file that can be read", &error.to_string()))?;
     Ok(Some((format!("terrain.{}", extension.to_ascii_lowercase()), bytes)))
 }

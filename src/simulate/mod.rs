@@ -20,6 +20,7 @@ mod video;
 mod wander;
 mod wrong_tracks;
 
+use crate::disk::Inputs;
 use crate::estimate::Estimate;
 use crate::files::{named_text, read_grid};
 use crate::problem::Problem;
@@ -168,7 +169,9 @@ impl World {
 fn read_terrain(scenario: &Scenario) -> Result<Terrain, Findings> {
     match &scenario.terrain.grid {
         None => Ok(Terrain::Plane { z_m: scenario.terrain.plane_z_m }),
-        Some(file) => read_grid(&scenario.folder, file, "the terrain grid that the scenario names"),
+        Some(file) => {
+            read_grid(&Inputs::new(&scenario.folder), file, "the terrain grid that the scenario names", None)
+        }
     }
 }
 

@@ -17,6 +17,7 @@ pub mod settings;
 pub mod summary;
 pub mod videos;
 
+use crate::disk;
 use crate::simulate::read_scenario;
 pub use cell::{Prediction, RunErrors};
 use cell::{Prepared, predict};
@@ -87,7 +88,7 @@ impl Kept {
         if std::fs::symlink_metadata(folder).is_err() {
             std::fs::create_dir_all(folder).map_err(failed)?;
         }
-        match std::fs::read_to_string(folder.join(INPUTS)) {
+        match disk::read_text(&folder.join(INPUTS)) {
             Ok(text) if text == inputs => {}
             Err(_) if kept.was_just_begun() => kept.save(INPUTS, &inputs).map_err(failed)?,
             _ => return Err(StudyError::Other(folder.to_owned())),
@@ -111,7 +112,7 @@ impl Kept {
     }
 
     fn read<P: Part>(&self, name: &str) -> Option<P> {
-        P::from_text(&std::fs::read_to_string(self.folder.join(name)).ok()?)
+        P::from_text(&disk::read_text(&self.folder.join(name)).ok()?)
     }
 
     /// What was kept before; it is an error where it is gone.

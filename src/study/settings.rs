@@ -1,8 +1,9 @@
 //! `STUDY.toml`: scenarios, what varies of them, and what is wanted.
 
 use super::draw::{VideoSettings, read_draw};
+use crate::disk::{self, InputFile};
+use crate::files::named_text;
 use crate::files::section::{Document, Section};
-use crate::files::{input_file, named_text};
 use crate::simulate::scenario::Scenario;
 use crate::simulate::{Value, parse, vary};
 use crate::tables::{Finding, Findings};
@@ -146,7 +147,8 @@ pub fn read_study(path: &Path) -> Result<Study, Findings> {
         return Err(findings);
     }
     for (folder, name) in files {
-        let digest = input_file(&folder, &name).map_or_else(String::new, |file| file.sha256);
+        let bytes = disk::read(&folder.join(&name));
+        let digest = bytes.map_or_else(|_| String::new(), |bytes| InputFile::new(&name, &bytes).sha256);
         study.inputs += &format!("\n# {name} {digest}");
     }
     Ok(study)
@@ -166,7 +168,7 @@ fn read(top: &Section, folder: &Path) -> Option<Study> {
     let mut scenarios = Vec::new();
     for name in names {
         let file = folder.join(&name);
-        match std::fs::read_to_string(&file) {
+        match disk::read_text(&file) {
             Ok(text) => {
                 let name = file.file_stem().map_or(name, |stem| stem.to_string_lossy().into_owned());
                 scenarios.push(BaseScenario { name, vehicles: Vec::new(), file, text, set: set.clone() });

@@ -1,6 +1,16 @@
 //! What is wrong with an input, and what is only odd.
 
+use std::collections::BTreeMap;
 use std::fmt;
+
+/// Of errors of one kind the first are told one by one, the others by their number.
+const TOLD: usize = 10;
+/// Kinds of errors of a file are told apart as long as there are no more in all.
+const MOST_KINDS: usize = 1000;
+/// Warnings are told as long as there are no more.
+const MOST_WARNINGS: usize = 1000;
+/// A value that stands somewhere is told up to this length \[character\].
+const MOST_FOUND: usize = 200;
 
 /// Something that makes an input invalid.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,15 +54,24 @@ impl fmt::Display for Finding {
         if let Some(column) = &self.column {
             write!(f, ": column {column}")?;
         }
-        write!(f, ": expected {}, found {:?}", self.wanted, self.found)
+        write!(f, ": expected {}, found ", self.wanted)?;
+        match self.found.char_indices().nth(MOST_FOUND) {
+            None => write!(f, "{:?}", self.found),
+            Some((end, _)) => write!(f, "{:?} and more", &self.found[..end]),
+        }
     }
 }
 
-/// Everything that is wrong or odd, in the order in which it was found.
+/// A kind of errors: the file, the column, and what was wanted.
+type Kind = (String, Option<String>, String);
+
+/// Everything that is wrong or odd, in the order in which it was found; of many alike the first, and how many more.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Findings {
     errors: Vec<Finding>,
+    counts: BTreeMap<Kind, usize>,
     warnings: Vec<String>,
+    more_warnings: usize,
 }
 
 impl From<Finding> for Findings {
@@ -66,20 +85,37 @@ impl From<Finding> for Findings {
 impl Findings {
     /// Adds something that makes the input invalid.
     pub fn error(&mut self, finding: Finding) {
-        self.errors.push(finding);
+        let mut kind = (finding.file.clone(), finding.column.clone(), finding.wanted.clone());
+        if self.counts.len() >= MOST_KINDS && !self.counts.contains_key(&kind) {
+            kind = (finding.file.clone(), None, String::new());
+        }
+        let count = self.counts.entry(kind).or_default();
+        *count += 1;
+        if *count <= TOLD {
+            self.errors.push(finding);
+        }
     }
 
     /// Adds something that is odd but does no harm.
     pub fn warn(&mut self, warning: String) {
-        self.warnings.push(warning);
+        if self.warnings.len() < MOST_WARNINGS {
+            self.warnings.push(warning);
+        } else {
+            self.warn_of_more(1);
+        }
     }
 
-    /// What makes the input invalid.
+    /// What makes the input invalid; of many alike the first.
     pub fn errors(&self) -> impl ExactSizeIterator<Item = &Finding> {
         self.errors.iter()
     }
 
-    /// What is only odd.
+    /// How many errors there are in all.
+    pub fn count(&self) -> usize {
+        self.counts.values().sum()
+    }
+
+    /// What is only odd; of very many the first, and how many more.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -90,9 +126,29 @@ impl Findings {
     }
 
     /// Adds the findings of another part of the input.
-    pub fn append(&mut self, mut other: Findings) {
-        self.errors.append(&mut other.errors);
-        self.warnings.append(&mut other.warnings);
+    pub fn append(&mut self, other: Findings) {
+        let Findings { errors, mut counts, warnings, more_warnings } = other;
+        for finding in errors {
+            let own = (finding.file.clone(), finding.column.clone(), finding.wanted.clone());
+            let kind = if counts.contains_key(&own) { own } else { (own.0, None, String::new()) };
+            if let Some(count) = counts.get_mut(&kind) {
+                *count -= 1;
+            }
+            self.error(finding);
+        }
+        for (kind, count) in counts {
+            *self.counts.entry(kind).or_default() += count;
+        }
+        warnings.into_iter().take(MOST_WARNINGS).for_each(|warning| self.warn(warning));
+        self.warn_of_more(more_warnings);
+    }
+
+    fn warn_of_more(&mut self, more: usize) {
+        self.more_warnings += more;
+        if self.more_warnings > 0 {
+            self.warnings.truncate(MOST_WARNINGS);
+            self.warnings.push(format!("{} more warnings", self.more_warnings));
+        }
     }
 }
 
@@ -108,6 +164,14 @@ impl fmt::Display for Findings {
         for file in files {
             for finding in self.errors.iter().filter(|e| e.file == file) {
                 writeln!(f, "{finding}")?;
+            }
+            for ((of, column, wanted), count) in &self.counts {
+                if of != file || *count <= TOLD {
+                    continue;
+                }
+                let column = column.as_ref().map_or_else(String::new, |column| format!(" column {column}:"));
+                let wanted = if wanted.is_empty() { "other values" } else { wanted };
+                writeln!(f, "{of}:{column} expected {wanted}, {} more times", count - TOLD)?;
             }
         }
         Ok(())
@@ -125,15 +189,40 @@ mod tests {
     }
 
     #[test]
-    fn findings_are_listed_file_by_file() {
-        let mut findings = Findings::default();
-        for line in 0..60 {
-            findings.error(Finding::of_line("a.csv", line, "x", "y"));
-            findings.error(Finding::of_line("b.csv", line, "x", "y"));
-        }
+    fn findings_are_listed_file_by_file_and_many_alike_are_counted() {
+        let of_file = |file: &str| {
+            let mut findings = Findings::default();
+            for line in 0..60 {
+                findings.error(Finding::of_line(file, line, "x", "y"));
+                findings.error(Finding::of_cell(file, line, "u", "z", "y"));
+            }
+            findings
+        };
+        let mut findings = of_file("a.csv");
+        findings.append(of_file("b.csv"));
+        findings.append(of_file("a.csv"));
+        assert_eq!((findings.count(), findings.errors().len()), (360, 40));
         let text = findings.to_string();
         let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines.len(), 120);
-        assert!(lines[59].starts_with("a.csv:59") && lines[60].starts_with("b.csv:0"), "{lines:?}");
+        assert_eq!(lines.len(), 44, "{lines:#?}");
+        assert!(lines[19].starts_with("a.csv:9: column u") && lines[22].starts_with("b.csv:0"), "{lines:#?}");
+        assert_eq!(lines[20], "a.csv: expected x, 110 more times");
+        assert_eq!(lines[43], "b.csv: column u: expected z, 50 more times");
+    }
+
+    #[test]
+    fn there_is_a_bound_to_what_is_told() {
+        let mut findings = Findings::default();
+        for at in 0..3000 {
+            findings.error(Finding::of_file("a.csv", &format!("kind {at}"), "y"));
+            findings.warn(format!("warning {at}"));
+        }
+        findings.append(findings.clone());
+        assert_eq!(findings.count(), 6000);
+        assert!(findings.to_string().lines().count() < 2020, "{}", findings.to_string().lines().count());
+        assert_eq!(findings.warnings().len(), 1001);
+        assert_eq!(findings.warnings()[1000], "5000 more warnings");
+        let long = Finding::of_file("a.csv", "short", &"\u{e4}".repeat(10_000)).to_string();
+        assert!(long.ends_with("\u{e4}\" and more") && long.chars().count() < 300, "{long}");
     }
 }

@@ -7,6 +7,7 @@ mod findings;
 
 pub use findings::{Finding, Findings};
 
+use crate::disk;
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeSet;
@@ -85,7 +86,16 @@ pub struct Line<R> {
 /// Reads the table `file` in `folder`, adding what is wrong to `findings`. Rows that are wrong are
 /// left out; `None` where there is no table to speak of.
 pub fn read<R: Row>(folder: &Path, file: &str, findings: &mut Findings) -> Option<Vec<Line<R>>> {
-    match std::fs::read(folder.join(file)) {
+    table_of(disk::read(&folder.join(file)), file, findings)
+}
+
+/// The table `file` of these bytes, or why they cannot be had; as [`read`].
+pub fn table_of<R: Row>(
+    bytes: std::io::Result<Vec<u8>>,
+    file: &str,
+    findings: &mut Findings,
+) -> Option<Vec<Line<R>>> {
+    match bytes {
         Ok(bytes) => parse(&bytes, file, findings),
         Err(error) => {
             findings.error(Finding::of_file(file, "a table that can be read", &error.to_string()));

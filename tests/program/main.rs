@@ -5,6 +5,7 @@ mod command_line;
 mod evaluate;
 mod evo;
 mod exports;
+mod hostile;
 mod moving_parts;
 mod references;
 mod scans;

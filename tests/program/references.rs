@@ -222,6 +222,7 @@ fn a_refinement_ends_with_the_same_comparison_and_leaves_its_result_as_it_is() {
     let (mut of_refine, mut of_evaluate) = (read(proof.join("evaluation.json")), json(&[]));
     for of in [&mut of_refine, &mut of_evaluate] {
         of["result"] = Value::Null;
+        of["files"] = Value::Null;
     }
     assert_eq!(of_refine, of_evaluate);
     assert!(proof.join("report.html").exists());

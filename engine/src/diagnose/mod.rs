@@ -44,8 +44,12 @@ pub fn constants() -> Vec<Rules> {
 }
 
 /// Why there are no standard deviations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NoSigmas {
+    /// The run ended before.
+    NotReached,
+    /// The diagnosis itself failed, and says why.
+    Failed(String),
     /// There is no final least squares.
     NoLeastSquares,
     /// The normal equations have no inverse, or none that fits into memory.

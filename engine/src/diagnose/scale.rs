@@ -125,10 +125,9 @@ pub fn sources(network: &Network) -> Vec<Source> {
 }
 
 pub fn sigma_of(direction: &Direction, variance_factor: f64) -> f64 {
-    match direction.conventions > UNDETERMINED {
-        true => f64::INFINITY,
-        false => (direction.variance * variance_factor).sqrt(),
-    }
+    let sigma = (direction.variance * variance_factor).sqrt();
+    // A variance that cannot be computed determines nothing.
+    if direction.conventions > UNDETERMINED || !sigma.is_finite() { f64::INFINITY } else { sigma }
 }
 
 /// The scales of all vehicles, given their functionals and directions; without the sources that take a

@@ -4,7 +4,7 @@
 //! sentence and code in the room `words`; the compiler names all three places.
 
 use super::observability::{Class, Observability};
-use super::{Diagnosis, Parameter, PullCause, Source, VarianceTest};
+use super::{Diagnosis, NoSigmas, Parameter, PullCause, Source, VarianceTest};
 use crate::problem::Problem;
 use crate::refine::{Adjustment, CRITICAL, DirectedTest};
 use crate::stats::quantile::upper_median;
@@ -52,6 +52,11 @@ impl Trust {
 /// What speaks against more trust. Vehicles and check points are told by their ids.
 #[derive(Clone, Debug, PartialEq)]
 pub enum VerdictReason {
+    /// There are no standard deviations.
+    NotDiagnosed {
+        /// Why.
+        why: NoSigmas,
+    },
     /// The adjustment has not converged.
     NotConverged {
         /// Why it stopped.
@@ -141,7 +146,9 @@ impl VerdictReason {
     /// How far a result can be trusted for which this holds, at the most.
     pub fn trust(&self) -> Trust {
         match self {
-            VerdictReason::NotConverged { .. } | VerdictReason::ScaleOpen { .. } => Trust::No,
+            VerdictReason::NotDiagnosed { .. }
+            | VerdictReason::NotConverged { .. }
+            | VerdictReason::ScaleOpen { .. } => Trust::No,
             VerdictReason::DefectUnexpected { .. }
             | VerdictReason::ScaleWeak { .. }
             | VerdictReason::ScaleByMotionAlone { .. }
@@ -250,12 +257,25 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// The verdict of a diagnosis.
-    pub fn new(problem: &Problem, adjustment: &Adjustment, diagnosis: &Diagnosis) -> Verdict {
+    /// The verdict on an adjustment alone.
+    fn of_adjustment(adjustment: &Adjustment) -> Verdict {
         let mut verdict = Verdict { trust: Trust::Yes, findings: Vec::new(), facts: Vec::new() };
         if !adjustment.stop.converged() {
             verdict.find(VerdictReason::NotConverged { stop: adjustment.stop });
         }
+        verdict
+    }
+
+    /// The verdict where there is no diagnosis.
+    pub fn not_diagnosed(adjustment: &Adjustment, why: NoSigmas) -> Verdict {
+        let mut verdict = Verdict::of_adjustment(adjustment);
+        verdict.find(VerdictReason::NotDiagnosed { why });
+        verdict
+    }
+
+    /// The verdict of a diagnosis.
+    pub fn new(problem: &Problem, adjustment: &Adjustment, diagnosis: &Diagnosis) -> Verdict {
+        let mut verdict = Verdict::of_adjustment(adjustment);
         if let Some(found) = &diagnosis.observability {
             verdict.add_datum(found);
         }

@@ -425,6 +425,9 @@ impl<'a, 'p> Run<'a, 'p> {
         let robust = estimate.clone();
         let dropped = outcome::drop_rejected_points(problem, &mut estimate, &used);
         let network = self.least_squares(&mut estimate, &used)?;
+        if network.as_ref().is_some_and(|network| network.model.system.parameters() == 0) {
+            return Err(NoSolution::NothingToAdjust);
+        }
         let fits = match network {
             // Image points of points that were dropped stay the gross errors that they were.
             Some(_) => {

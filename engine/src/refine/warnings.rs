@@ -55,6 +55,8 @@ pub enum NoSolution {
     NotFinite,
     /// No image point of a vehicle fits.
     NothingFits,
+    /// All poses are exact, and no point has coordinates that are to be adjusted.
+    NothingToAdjust,
     /// The normal equations do not fit into memory.
     TooLarge(TooLarge),
     /// The normal equations have no factorisation.

@@ -7,7 +7,8 @@
 
 use super::{Grid, GridFault};
 use std::io::Cursor;
-use tiff::decoder::{Decoder, DecodingResult};
+use std::ops::Range;
+use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
@@ -36,9 +37,12 @@ fn unreadable(error: TiffError) -> GridFault {
     fault("", "a GeoTIFF that can be read", error)
 }
 
-/// The grid of a file; the error is the first thing that is wrong with it.
-pub fn parse(bytes: &[u8]) -> Result<Grid, GridFault> {
-    let mut file = Decoder::new(Cursor::new(bytes)).map_err(unreadable)?;
+/// The grid of a file; the error is the first thing that is wrong with it. Of one of more than `most_cells` only the
+/// cells about `area` are read: the least and the largest x and y \[m\].
+pub fn parse(bytes: &[u8], area: Option<[[f64; 2]; 2]>, most_cells: usize) -> Result<Grid, GridFault> {
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = most_cells.saturating_mul(size_of::<f64>());
+    let mut file = Decoder::new(Cursor::new(bytes)).map_err(unreadable)?.with_limits(limits);
     let (columns, rows) = file.dimensions().map_err(unreadable)?;
     match file.colortype().map_err(unreadable)? {
         ColorType::Gray(_) => {}
@@ -65,16 +69,86 @@ pub fn parse(bytes: &[u8]) -> Result<Grid, GridFault> {
             Some(number.map_err(|_| fault("GDAL_NODATA", "a number", text.trim()))?)
         }
     };
-    let heights = heights(file.read_image().map_err(unreadable)?, no_data)?;
     let into_pixel = if is_point { 0.0 } else { 0.5 };
-    let first = [x.first + into_pixel * x.step, y.first + into_pixel * y.step];
-    Grid::new(first, [x.step, y.step], [columns as usize, rows as usize], heights)
+    let [columns, rows] = [columns as usize, rows as usize];
+    let axes = [&x, &y].map(|axis| Axis { first: axis.first + into_pixel * axis.step, step: axis.step });
+    let told = || format!("{columns} x {rows}");
+    let (heights, window) = if columns.saturating_mul(rows) <= most_cells {
+        (heights(file.read_image().map_err(unreadable)?, no_data)?, [0..columns, 0..rows])
+    } else {
+        let Some([x_m, y_m]) = area else {
+            return Err(fault("", &format!("a grid of at most {most_cells} cells"), told()));
+        };
+        let window = [axes[0].within(x_m, columns), axes[1].within(y_m, rows)];
+        let cells = window.iter().map(|range| range.len()).product::<usize>();
+        if cells > most_cells {
+            let wanted = format!("at most {most_cells} cells where cameras, targets and vehicles are");
+            return Err(fault("", &wanted, format!("{} x {}", window[0].len(), window[1].len())));
+        }
+        (read_window(&mut file, [columns, rows], &window, no_data)?, window)
+    };
+    let first = [0, 1].map(|at| axes[at].first + window[at].start as f64 * axes[at].step);
+    Grid::new(first, [axes[0].step, axes[1].step], window.map(|range| range.len()), heights)
+}
+
+/// Heights of the cells in a range of columns and of rows, row by row, from those strips or tiles that they lie in.
+fn read_window(
+    file: &mut Tiff,
+    [columns, rows]: [usize; 2],
+    [wide, high]: &[Range<usize>; 2],
+    no_data: Option<f64>,
+) -> Result<Vec<f64>, GridFault> {
+    let mut size = |tag, default: usize| -> Result<usize, GridFault> {
+        let value = file.find_tag(tag).map_err(unreadable)?;
+        let size = value.map_or(Ok(default as u64), |value| value.into_u64().map_err(unreadable))?;
+        Ok(usize::try_from(size).unwrap_or(usize::MAX).max(1))
+    };
+    let is_tiled = size(Tag::TileWidth, 0)? > 1;
+    let chunk = if is_tiled {
+        [size(Tag::TileWidth, 1)?, size(Tag::TileLength, 1)?]
+    } else {
+        [columns, size(Tag::RowsPerStrip, rows)?.min(rows)]
+    };
+    let across = columns.div_ceil(chunk[0]);
+    let mut out = vec![f64::NAN; wide.len() * high.len()];
+    for chunk_row in high.start / chunk[1]..high.end.div_ceil(chunk[1]) {
+        for chunk_column in wide.start / chunk[0]..wide.end.div_ceil(chunk[0]) {
+            let index = u32::try_from(chunk_row * across + chunk_column).unwrap_or(u32::MAX);
+            let samples = heights(file.read_chunk(index).map_err(unreadable)?, no_data)?;
+            // At the far ends of the raster there is less in it.
+            let first = [chunk_column * chunk[0], chunk_row * chunk[1]];
+            let [width, height] = [chunk[0].min(columns - first[0]), chunk[1].min(rows - first[1])];
+            if samples.len() != width * height {
+                let wanted = format!("{width} x {height} heights in strip or tile {index}");
+                return Err(fault("", &wanted, samples.len()));
+            }
+            let [from, to] = [first[0].max(wide.start), (first[0] + width).min(wide.end)];
+            for row in first[1].max(high.start)..(first[1] + height).min(high.end) {
+                let source = (row - first[1]) * width + from - first[0];
+                let target = (row - high.start) * wide.len() + from - wide.start;
+                out[target..target + to - from].copy_from_slice(&samples[source..source + to - from]);
+            }
+        }
+    }
+    Ok(out)
 }
 
 /// One axis of the world: its coordinate at raster place 0, and how it grows from pixel to pixel \[m\].
 struct Axis {
     first: f64,
     step: f64,
+}
+
+impl Axis {
+    /// The pixels between two coordinates, of `count`; two at the least.
+    fn within(&self, [least_m, most_m]: [f64; 2], count: usize) -> Range<usize> {
+        let at = |place_m: f64| (place_m - self.first) / self.step;
+        let [low, high] = [at(least_m).min(at(most_m)), at(least_m).max(at(most_m))];
+        let last = count.saturating_sub(2);
+        let start = (low.floor().max(0.0) as usize).min(last);
+        let end = (high.ceil().max(0.0) as usize).saturating_add(1).clamp((start + 2).min(count), count);
+        start..end
+    }
 }
 
 fn numbers(file: &mut Tiff, tag: Tag) -> Result<Option<Vec<f64>>, GridFault> {
@@ -174,6 +248,10 @@ mod tests {
     use tiff::encoder::colortype::{self, ColorType as Encoded};
     use tiff::encoder::{Compression, Predictor, TiffEncoder, TiffValue};
 
+    fn whole(bytes: &[u8]) -> Result<Grid, GridFault> {
+        parse(bytes, None, 1 << 20)
+    }
+
     const HEIGHTS: [f32; 6] = [1.0, 1.5, 2.0, 3.0, -32767.0, 5.0];
     const TIE: [f64; 6] = [0.0, 0.0, 0.0, 10.0, 24.0, 0.0];
     const SCALE: [f64; 3] = [2.0, 2.0, 0.0];
@@ -242,11 +320,11 @@ mod tests {
     }
 
     fn found(bytes: &[u8]) -> String {
-        format!("{:?}", parse(bytes))
+        format!("{:?}", whole(bytes))
     }
 
     fn refused(tags: &Tags) -> String {
-        parse(&usual(tags)).unwrap_err().column.unwrap_or_default()
+        whole(&usual(tags)).unwrap_err().column.unwrap_or_default()
     }
 
     #[test]
@@ -342,7 +420,7 @@ mod tests {
     fn tiles_are_put_together() {
         let heights = (0..10).flat_map(|row| (0..20).map(move |column| f64::from(100 * row + column)));
         let wanted = Grid::new([11.0, 23.0], [2.0, -2.0], [20, 10], heights.collect());
-        assert_eq!(parse(&tiled()), wanted);
+        assert_eq!(whole(&tiled()), wanted);
     }
 
     #[test]
@@ -361,28 +439,68 @@ mod tests {
         let by_matrix = Tags { scale: None, ties: &[], transformation: Some(turned), ..USUAL };
         assert_eq!(refused(&by_matrix), "ModelTransformation");
         let coloured = written::<colortype::RGB8>([2, 2], &[7; 12], &USUAL, Compression::Uncompressed);
-        assert_eq!(parse(&coloured).unwrap_err().wanted, "one band of heights");
+        assert_eq!(whole(&coloured).unwrap_err().wanted, "one band of heights");
         let infinite = [f32::INFINITY, 0.0, 0.0, 0.0];
         let infinite =
             written::<colortype::Gray32Float>([2, 2], &infinite, &USUAL, Compression::Uncompressed);
-        assert_eq!(parse(&infinite).unwrap_err().wanted, "finite heights");
+        assert_eq!(whole(&infinite).unwrap_err().wanted, "finite heights");
     }
 
     #[test]
     fn damaged_bytes_are_an_error_and_never_a_panic() {
-        for whole in [usual(&USUAL), tiled()] {
-            for length in 0..whole.len() {
-                let cut = parse(&whole[..length]);
+        let area = Some([[11.0, 13.0], [20.0, 23.0]]);
+        for bytes in [usual(&USUAL), tiled()] {
+            for length in 0..bytes.len() {
+                let cut = whole(&bytes[..length]);
                 // The last bytes of the last tile are beyond the image.
-                assert!(cut.is_err() || length > 1500, "{length} of {}", whole.len());
+                assert!(cut.is_err() || length > 1500, "{length} of {}", bytes.len());
+                let _ = parse(&bytes[..length], area, 4);
             }
-            for at in 0..whole.len().min(300) {
+            for at in 0..bytes.len().min(300) {
                 for bits in [0xff, 0x01, 0x80] {
-                    let mut damaged = whole.clone();
+                    let mut damaged = bytes.clone();
                     damaged[at] ^= bits;
-                    let _ = parse(&damaged);
+                    let _ = whole(&damaged);
+                    let _ = parse(&damaged, area, 199);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn of_a_large_grid_that_is_read_which_is_needed() {
+        let strips = |columns: u32, rows: u32| {
+            let heights: Vec<f32> = (0..columns * rows).map(|at| (at * at % 97) as f32).collect();
+            written::<colortype::Gray32Float>(
+                [columns, rows],
+                &heights,
+                &USUAL,
+                Compression::Deflate(Default::default()),
+            )
+        };
+        for bytes in [tiled(), strips(20, 10)] {
+            let all = whole(&bytes).unwrap();
+            // In the first tile, across both, in the second, over the border of the grid.
+            for area in [
+                [[15.0, 21.0], [10.0, 18.0]],
+                [[30.0, 49.5], [7.2, 13.0]],
+                [[45.0, 48.0], [9.0, 20.0]],
+                [[-90.0, 16.0], [20.0, 1e9]],
+            ] {
+                let part = parse(&bytes, Some(area), 199).unwrap();
+                assert!(part.size()[0] * part.size()[1] <= 199, "{area:?}: {:?}", part.size());
+                let [x, y] = area;
+                for (x, y) in [(x[0], y[0]), (x[1], y[1]), (0.4 * x[0] + 0.6 * x[1], 0.5 * (y[0] + y[1]))] {
+                    let near = |found: f64, wanted: f64| (found - wanted).abs() < 1e-9;
+                    match (part.at(x, y), all.at(x, y)) {
+                        (Ok(part), Ok(all)) => assert!(near(part.height_m, all.height_m), "{x} {y}"),
+                        (part, all) => assert_eq!(part.is_ok(), all.is_ok(), "{x} {y} of {area:?}"),
+                    }
+                }
+            }
+            let refused = |area, most| parse(&bytes, area, most).unwrap_err().wanted;
+            assert_eq!(refused(None, 199), "a grid of at most 199 cells");
+            assert!(refused(Some([[10.0, 50.0], [4.0, 24.0]]), 50).starts_with("at most 50 cells where"));
         }
     }
 }

@@ -83,15 +83,28 @@ pub struct GridFault {
     pub found: String,
 }
 
+/// A grid of so many cells is kept whole.
+const MOST_CELLS: usize = 1 << 26;
+
 impl Terrain {
     /// Reads a grid of heights \[m\] in the x, y of the world: a GeoTIFF if the bytes begin as one or
     /// the name ends in `.tif` or `.tiff`, else an ESRI ASCII grid. The error is everything that is
     /// wrong with it, and never empty.
-    pub fn read_grid(name: &str, bytes: &[u8]) -> Result<Terrain, Vec<GridFault>> {
+    ///
+    /// A GeoTIFF of more than 2^26 cells is read where it is needed alone, in `area`: the least and the largest x and y
+    /// \[m\].
+    pub fn read_grid(
+        name: &str,
+        bytes: &[u8],
+        area: Option<[[f64; 2]; 2]>,
+    ) -> Result<Terrain, Vec<GridFault>> {
         let name = name.to_ascii_lowercase();
         let is_tiff = geotiff::is_tiff(bytes) || name.ends_with(".tif") || name.ends_with(".tiff");
-        let grid =
-            if is_tiff { geotiff::parse(bytes).map_err(|fault| vec![fault]) } else { esri::parse(bytes) };
+        let grid = if is_tiff {
+            geotiff::parse(bytes, area, MOST_CELLS).map_err(|fault| vec![fault])
+        } else {
+            esri::parse(bytes)
+        };
         Ok(Terrain::Grid(Arc::new(grid?)))
     }
 

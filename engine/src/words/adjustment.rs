@@ -160,6 +160,11 @@ impl fmt::Display for NoSolution {
                 f,
                 "no image point of a vehicle fits: is the camera's pose, or its axes, another convention?"
             ),
+            NoSolution::NothingToAdjust => write!(
+                f,
+                "nothing is left to adjust: all poses are exact, and no point of a vehicle gets coordinates from its rays \
+                 (are lengths in metres? are the camera's axes another convention?)"
+            ),
             NoSolution::TooLarge(error) => error.fmt(f),
             NoSolution::Singular(error) => error.fmt(f),
         }
@@ -172,6 +177,7 @@ impl Coded for NoSolution {
             NoSolution::NoVehicle { .. } => Code::new("no_vehicle"),
             NoSolution::NotFinite => Code::new("not_finite"),
             NoSolution::NothingFits => Code::new("nothing_fits"),
+            NoSolution::NothingToAdjust => Code::new("nothing_to_adjust"),
             NoSolution::TooLarge(_) => Code::new("too_large"),
             NoSolution::Singular(_) => Code::new("singular"),
         }

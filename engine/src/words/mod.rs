@@ -23,6 +23,7 @@ pub use verdict::{fact_word, verdict_lines};
 use crate::diagnose::NoSigmas;
 use crate::initialise::InitialWarning;
 use crate::refine::AdjustmentWarning;
+use format::counted;
 use std::fmt;
 
 /// What a sentence says, for programs.
@@ -87,6 +88,15 @@ pub enum Warning {
     Adjustment(AdjustmentWarning),
     /// There are no standard deviations.
     NoSigmas(NoSigmas),
+    /// Numbers of a table are not finite; their cells are empty.
+    NotFinite {
+        /// The table.
+        table: String,
+        /// The column.
+        column: String,
+        /// How many cells.
+        cells: usize,
+    },
     /// This build cannot write recordings.
     NoRecorder,
     /// A recording could not be written.
@@ -99,6 +109,8 @@ pub enum Warning {
 impl fmt::Display for NoSigmas {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            NoSigmas::NotReached => write!(f, "no standard deviations: the run ended before them"),
+            NoSigmas::Failed(why) => write!(f, "no standard deviations: the diagnosis failed ({why})"),
             NoSigmas::NoLeastSquares => write!(f, "no standard deviations: there is no final least squares"),
             NoSigmas::NoCovariance(why) => write!(f, "no standard deviations: {why}"),
         }
@@ -112,6 +124,13 @@ impl fmt::Display for Warning {
             Warning::Initial(warning) => warning.fmt(f),
             Warning::Adjustment(warning) => warning.fmt(f),
             Warning::NoSigmas(why) => why.fmt(f),
+            Warning::NotFinite { table, column, cells } => {
+                write!(
+                    f,
+                    "{table}: {column} is not a finite number in {}, left empty",
+                    counted(*cells, "row")
+                )
+            }
             Warning::NoRecorder => write!(f, "no recording was written: this build has no Rerun"),
             Warning::NoRecording { why } => write!(f, "session.rrd is missing: {why}"),
         }
@@ -125,6 +144,7 @@ impl Coded for Warning {
             Warning::Initial(warning) => warning.coded(),
             Warning::Adjustment(warning) => warning.coded(),
             Warning::NoSigmas(_) => Code::new("no_sigmas"),
+            Warning::NotFinite { cells, .. } => Code::new("not_finite").count(*cells),
             Warning::NoRecorder => Code::new("no_recorder"),
             Warning::NoRecording { .. } => Code::new("no_recording"),
         }

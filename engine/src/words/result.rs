@@ -91,7 +91,7 @@ impl ResultFacts<'_> {
     }
 
     /// The result in a few lines for a terminal.
-    pub fn summary(&self, tally: &Tally, verdict: Option<&Verdict>) -> String {
+    pub fn summary(&self, tally: &Tally, verdict: &Verdict) -> String {
         let grouped = |count: usize| grouped(count, ',');
         let mut text = format!(
             "adjusted    {} after {} ({})\n",
@@ -133,7 +133,7 @@ impl ResultFacts<'_> {
             let [x, y, z] = difference_m.map(|value| plain(value, 3));
             text += &format!("check       {target}: {x} {y} {z} m\n");
         }
-        for (word, line) in verdict.into_iter().flat_map(verdict_lines) {
+        for (word, line) in verdict_lines(verdict) {
             text += &format!("{word:12}{line}\n");
         }
         text

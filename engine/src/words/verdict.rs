@@ -12,6 +12,7 @@ const MOST_NAMES: usize = 4;
 impl fmt::Display for VerdictReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            VerdictReason::NotDiagnosed { why } => write!(f, "{why}"),
             VerdictReason::NotConverged { stop } => write!(f, "the adjustment has not converged: {stop}"),
             VerdictReason::DefectUnexpected { found, expected } => {
                 write!(f, "{found} directions are open where theory has {expected}")
@@ -64,6 +65,7 @@ fn test_named(test: &DirectedTest) -> String {
 impl Coded for VerdictReason {
     fn coded(&self) -> Code {
         match self {
+            VerdictReason::NotDiagnosed { .. } => Code::new("not_diagnosed"),
             VerdictReason::NotConverged { .. } => Code::new("not_converged"),
             VerdictReason::DefectUnexpected { found, expected } => {
                 Code::new("defect_unexpected").count(*found).limit(*expected as f64)

@@ -34,17 +34,17 @@ pub enum Elimination {
 /// `dims` are the sizes of the blocks; `neighbours[a]` lists every block that shares a measurement
 /// with `a`, sorted, without `a` itself.
 pub(crate) fn cheapest(dims: &[usize], neighbours: &[Vec<usize>]) -> Ordering {
-    let count = |order: Vec<usize>, elimination| {
-        let flops = factorisation_flops(dims, neighbours, &order);
-        Ordering { order, flops, elimination }
-    };
-    let declared = count((0..dims.len()).collect(), Elimination::AsDeclared);
-    match minimum_degree(neighbours) {
-        Some(order) => {
-            let degree = count(order, Elimination::MinimumDegree);
-            if degree.flops < declared.flops { degree } else { declared }
-        }
-        None => declared,
+    let declared: Vec<usize> = (0..dims.len()).collect();
+    let degree = minimum_degree(neighbours).map(|order| {
+        let flops = factorisation_flops(dims, neighbours, &order, f64::INFINITY);
+        Ordering { order, flops, elimination: Elimination::MinimumDegree }
+    });
+    // Of the worse order no more is counted than that it is worse: its fill may be the square of the unknowns.
+    let most = degree.as_ref().map_or(f64::INFINITY, |degree| degree.flops);
+    let flops = factorisation_flops(dims, neighbours, &declared, most);
+    match degree {
+        Some(degree) if degree.flops < flops => degree,
+        _ => Ordering { order: declared, flops, elimination: Elimination::AsDeclared },
     }
 }
 
@@ -72,8 +72,13 @@ fn minimum_degree(neighbours: &[Vec<usize>]) -> Option<Vec<usize>> {
 }
 
 /// Operations of a Cholesky factorisation in this order, from its exact fill: the column of a block
-/// of size `d` with `h` rows below and in it costs about `d h^2`.
-pub(crate) fn factorisation_flops(dims: &[usize], neighbours: &[Vec<usize>], order: &[usize]) -> f64 {
+/// of size `d` with `h` rows below and in it costs about `d h^2`. Once there are more than `most`, those so far.
+pub(crate) fn factorisation_flops(
+    dims: &[usize],
+    neighbours: &[Vec<usize>],
+    order: &[usize],
+    most: f64,
+) -> f64 {
     let mut position = vec![0; order.len()];
     for (at, &block) in order.iter().enumerate() {
         position[block] = at;
@@ -98,6 +103,9 @@ pub(crate) fn factorisation_flops(dims: &[usize], neighbours: &[Vec<usize>], ord
         }
         let height = dims[block] + rows.iter().map(|&row| dims[order[row]]).sum::<usize>();
         flops += dims[block] as f64 * (height * height) as f64;
+        if flops > most {
+            break;
+        }
         if let Some(&parent) = rows.iter().min() {
             children[parent].push(at);
         }
@@ -149,6 +157,15 @@ mod tests {
     }
 
     #[test]
+    fn of_the_worse_order_no_more_is_counted_than_that_it_is_worse() {
+        let edges: Vec<_> = (1..30).map(|leaf| (0, leaf)).collect();
+        let (neighbours, order) = (graph(30, &edges), (0..30).collect::<Vec<_>>());
+        let first = 3.0 * 90.0 * 90.0;
+        assert_eq!(factorisation_flops(&[3; 30], &neighbours, &order, 100.0), first);
+        assert!(factorisation_flops(&[3; 30], &neighbours, &order, f64::INFINITY) > 5.0 * first);
+    }
+
+    #[test]
     fn a_chain_stays_as_it_is() {
         let edges: Vec<_> = (1..30).map(|next| (next - 1, next)).collect();
         assert_eq!(cheapest(&[6; 30], &graph(30, &edges)).elimination, Elimination::AsDeclared);
@@ -168,7 +185,7 @@ mod tests {
         assert_eq!(sorted, (0..40).collect::<Vec<_>>(), "a permutation");
         for order in [found.order, (0..40).rev().collect()] {
             assert_eq!(
-                factorisation_flops(&dims, &neighbours, &order),
+                factorisation_flops(&dims, &neighbours, &order, f64::INFINITY),
                 flops_by_dense_elimination(&dims, &neighbours, &order)
             );
         }

@@ -266,11 +266,22 @@ impl System {
         }
     }
 
-    /// `J^T z` for the whitened, weighted rows of a group, where `z` has one number a row.
+    /// `J^T z` for the whitened, weighted rows of a group, where `z` has one number a row: zero where all that the
+    /// group sees is held.
+    ///
+    /// # Panics
+    ///
+    /// Where the group sees blocks that are eliminated first, or that frames take care of.
     pub fn transposed_product(&self, group: GroupId, normal: &Normal, z: &[f64]) -> Vec<f64> {
-        let linear =
-            normal.linear[group.0].as_ref().expect("a group that sees no block that is eliminated first");
-        Gather::transposed_product(&*self.groups[group.0], linear, z, &self.layout)
+        let seen = &self.groups[group.0];
+        match &normal.linear[group.0] {
+            Some(linear) => Gather::transposed_product(&**seen, linear, z, &self.layout),
+            None => {
+                let is_held = |item| seen.blocks(item).iter().all(|block| !self.free(*block).contains(&true));
+                assert!((0..seen.len()).all(is_held), "a group whose blocks are eliminated by themselves");
+                vec![0.0; self.size()]
+            }
+        }
     }
 
     /// The system at some values.

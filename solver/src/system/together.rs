@@ -233,7 +233,7 @@ impl TogetherFactor {
         let chain = &self.chain;
         let mut x = DMatrix::zeros(chain.size(), sides);
         let mut s = DMatrix::zeros(frames.border, sides);
-        for (side, b) in b.chunks_exact(n).enumerate() {
+        for (side, b) in b.chunks_exact(n.max(1)).enumerate() {
             for (index, value) in b.iter().enumerate() {
                 match frames.scalars[index] {
                     Place::Chain(t, i) => x[(chain.start(t) + i, side)] = *value,

@@ -7,6 +7,8 @@ use crate::problem::{Calibration, Freedom, Problem, Shutter};
 use nalgebra::Vector2;
 use std::fmt::Write;
 
+/// An image is no larger \[px\].
+const MOST_SIZE_PX: u32 = 1_000_000;
 /// A readout takes no longer \[s\].
 const MOST_READOUT_S: f64 = 1.0;
 
@@ -14,9 +16,9 @@ const MOST_READOUT_S: f64 = 1.0;
 pub fn read(camera: &Section) -> Option<(Camera, Calibration, Shutter)> {
     let size = |key| {
         camera.required(key, "a size above 0", || {
-            let whole = "a whole number above 0";
+            let whole = "a whole number from 1 to 1000000";
             camera
-                .number(key, whole, |v| v > 0.0 && v.fract() == 0.0 && v <= f64::from(u32::MAX))
+                .number(key, whole, |v| v > 0.0 && v.fract() == 0.0 && v <= f64::from(MOST_SIZE_PX))
                 .map(|v| v as u32)
         })
     };

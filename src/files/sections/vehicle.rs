@@ -5,6 +5,9 @@ use super::super::section::Section;
 use crate::problem::{Known, Problem};
 use std::fmt::Write;
 
+/// An id is no longer: with what is added to it, it is the name of a file \[byte\].
+const MOST_ID_BYTES: usize = 200;
+
 /// One `[[vehicle]]`.
 #[derive(Debug)]
 pub struct VehicleSettings {
@@ -20,8 +23,13 @@ pub fn read_id(vehicle: &Section) -> Option<String> {
     let id = vehicle.required("id", "a text", || vehicle.text("id"));
     // The id becomes part of a file's name.
     let unfit = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
-    if id.as_ref().is_some_and(|id| id.contains(unfit) || id.starts_with('.')) {
-        vehicle.error("id", "an id that can be part of a file name");
+    let fits = |id: &String| !id.contains(unfit) && !id.starts_with('.') && id.len() <= MOST_ID_BYTES;
+    if id.as_ref().is_some_and(|id| !fits(id)) {
+        vehicle
+            .error("id", &format!("an id that can be part of a file name, of at most {MOST_ID_BYTES} bytes"));
+    } else if id.as_ref().is_some_and(|id| id != id.trim()) {
+        // Cells of tables are read without them.
+        vehicle.error("id", "an id without blanks at its ends");
     }
     id
 }

@@ -26,6 +26,9 @@ pub const NAMES: [&str; 8] = [
     gnss::FILE,
 ];
 
+/// Ground is needed no farther from cameras, targets and vehicles \[m\].
+const SEEN_M: f64 = 1000.0;
+
 /// The tables as they stand.
 pub struct Tables {
     pub settings: Option<Settings>,
@@ -41,11 +44,11 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// Reads them, beside what `problem.toml` says and the ground that it names.
-    pub fn read(reader: &mut Reader, settings: Option<Settings>, ground: Option<GroundKnowledge>) -> Tables {
+    /// Reads them, beside what `problem.toml` says; the ground that it names is not among them.
+    pub fn read(reader: &mut Reader, settings: Option<Settings>) -> Tables {
         Tables {
             settings,
-            ground,
+            ground: None,
             frames: reader.read(frames::FILE),
             camera_poses: reader.read_if_there(cameras::FILE),
             targets: reader.read_if_there(targets::FILE),
@@ -55,6 +58,22 @@ impl Tables {
             known_points: reader.read_if_there(points::FILE),
             gnss: reader.read_if_there(gnss::FILE),
         }
+    }
+
+    /// Where ground may be needed: the least and the largest x and y of all places that are told, and what can be seen
+    /// from there \[m\]; `None` where there is no such place.
+    pub fn area(&self) -> Option<[[f64; 2]; 2]> {
+        let cameras = self.camera_poses.iter().flatten().map(|line| [line.row.x, line.row.y]);
+        let targets = self.targets.iter().flatten().filter_map(|line| Some([line.row.x?, line.row.y?]));
+        let vehicles = self.vehicle_poses.iter().flatten().map(|line| [line.row.x, line.row.y]);
+        let receivers = self.gnss.iter().flatten().map(|line| [line.row.x, line.row.y]);
+        let mut places = cameras.chain(targets).chain(vehicles).chain(receivers);
+        let first = places.next()?;
+        let wider = |area: [[f64; 2]; 2], place: [f64; 2]| {
+            [0, 1].map(|axis| [area[axis][0].min(place[axis]), area[axis][1].max(place[axis])])
+        };
+        let area = places.fold(first.map(|value| [value, value]), wider);
+        Some(area.map(|[least, most]| [least - SEEN_M, most + SEEN_M]))
     }
 }
 

@@ -1,12 +1,12 @@
 //! What all tables of a problem folder are read and checked with.
 
 use super::super::problem_toml::Settings;
+use crate::disk::Inputs;
 use crate::geometry::{self, Pose};
 use crate::problem::Known;
 use crate::tables::{self, Finding, Findings, Line, Row};
 use nalgebra::{Vector2, Vector4};
 use std::collections::HashMap;
-use std::path::Path;
 
 /// A quaternion may be off unit length by this much.
 const UNIT_TOLERANCE: f64 = 1e-6;
@@ -20,7 +20,7 @@ pub fn positions<'a>(ids: &[&'a str]) -> HashMap<&'a str, usize> {
 
 /// A problem folder and what was found wrong with it.
 pub struct Reader<'a> {
-    pub folder: &'a Path,
+    pub inputs: Inputs<'a>,
     pub findings: Findings,
 }
 
@@ -30,12 +30,12 @@ pub type Rows<R> = Option<Vec<Line<R>>>;
 impl Reader<'_> {
     /// Reads a table that must be there.
     pub fn read<R: Row>(&mut self, file: &str) -> Rows<R> {
-        tables::read(self.folder, file, &mut self.findings)
+        tables::table_of(self.inputs.read(file), file, &mut self.findings)
     }
 
     /// Whether a file is there.
     pub fn is_there(&self, file: &str) -> bool {
-        std::fs::symlink_metadata(self.folder.join(file)).is_ok()
+        std::fs::symlink_metadata(self.inputs.folder().join(file)).is_ok()
     }
 
     /// Reads a table that may be there.

@@ -10,6 +10,7 @@ mod setting;
 mod tum;
 
 use super::GnssPosition;
+use crate::disk;
 use crate::tables::{Finding, Findings};
 use nalgebra::{Matrix3, Point3, Vector3};
 use setting::{Quality, Setting};
@@ -61,7 +62,7 @@ pub fn read(problem_folder: &Path, vehicles: &[String], findings: &mut Findings)
             if std::fs::symlink_metadata(&path).is_err() {
                 continue;
             }
-            let bytes = match std::fs::read(&path) {
+            let bytes = match disk::read(&path) {
                 Ok(bytes) => bytes,
                 Err(error) => {
                     findings.error(Finding::of_file(&file, "a file that can be read", &error.to_string()));

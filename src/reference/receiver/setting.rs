@@ -3,6 +3,7 @@
 
 use super::earth::World;
 use super::instant::{TimeScale, gps_ns};
+use crate::disk;
 use crate::tables::{Finding, Findings};
 use chrono::{DateTime, NaiveDateTime};
 use nalgebra::Vector3;
@@ -109,7 +110,7 @@ struct QualityToml {
 impl Setting {
     /// Reads the setting; `needed_by` is the file that cannot be understood without it.
     pub fn read(problem_folder: &Path, needed_by: &str, findings: &mut Findings) -> Option<Self> {
-        let text = match std::fs::read_to_string(problem_folder.join(FILE)) {
+        let text = match disk::read_text(&problem_folder.join(FILE)) {
             Ok(text) => text,
             Err(error) => {
                 let wanted = format!(

@@ -17,6 +17,7 @@ mod tests;
 mod without;
 mod xyz;
 
+use crate::disk;
 use crate::tables::{Finding, Findings};
 use nalgebra::Point3;
 use std::path::Path;
@@ -88,7 +89,7 @@ pub fn read_cloud(path: &Path, file: &str) -> Result<Scan, Finding> {
         return Err(Finding::of_file(file, &format!("a scan ({})", known.join(", ")), file));
     };
     let refused = |Refusal { line, found }| Finding { line, ..Finding::of_file(file, wanted, &found) };
-    let bytes = std::fs::read(path).map_err(|e| refused(e.into()))?;
+    let bytes = disk::read(path).map_err(|e| refused(e.into()))?;
     let Cloud { points, triangles, skipped } = read(&bytes).map_err(refused)?;
     if points.is_empty() {
         let found = if skipped == 0 { "no point" } else { "no point that has coordinates" };

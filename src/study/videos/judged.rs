@@ -114,7 +114,7 @@ pub fn judge(scenario: &Scenario, seed: u64, options: &Options) -> Result<Judged
     let started = start(&video.problem, options.method).map_err(|error| error.to_string())?;
     let judged = started.adjust(options, None).map_err(|error| error.to_string())?;
     let diagnosis = judged.diagnosis.as_ref().map_err(|error| error.to_string())?;
-    let verdict = judged.verdict.as_ref().ok_or("there is no verdict")?;
+    let verdict = &judged.verdict;
     let network = judged.adjusted.network.as_ref().ok_or("there is no final least squares")?;
     let estimate = &judged.adjusted.estimate;
     let camera = cameras(&video, estimate, diagnosis);
@@ -175,9 +175,8 @@ fn compare(
             Point3::from(body.middle()?.coords.xy().push(0.0))
         }
     };
-    let findings = judged.verdict.iter().flat_map(|verdict| &verdict.findings);
     let says_so = |finding: &VerdictReason| matches!(finding, VerdictReason::HeadingTurned { vehicle: id, .. } if *id == vehicle.id);
-    let may_be_turned = findings.into_iter().any(says_so);
+    let may_be_turned = judged.verdict.findings.iter().any(says_so);
     let mut pairs: [Vec<(f64, f64)>; SCALE] = Default::default();
     for (order, place) in found.track(problem, vehicle).into_iter().enumerate() {
         let pose: Pose = truth.poses[place.frame]?;
