@@ -141,17 +141,24 @@ fn a_session_that_breaks_costs_no_result() {
 }
 
 #[test]
-fn a_recording_that_cannot_be_written_costs_no_result() {
+fn a_place_that_cannot_take_a_recording_is_told_before_anything_is_computed() {
     let place = tempfile::tempdir().unwrap();
     let result = place.path().join("result");
-    let nowhere = place.path().join("not/there/x.rrd");
-    let mut refine = program();
-    refine.arg("refine").arg(tiny()).arg("--rrd").arg(&nowhere).arg("--out").arg(&result);
-    let output = refine.output().unwrap();
-    assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("result is complete, but:"), "{}", stderr(&output));
+    let refine = |recording: &Path| {
+        let mut refine = program();
+        refine.arg("refine").arg(tiny()).arg("--rrd").arg(recording).arg("--out").arg(&result);
+        refine.output().unwrap()
+    };
+    std::fs::write(place.path().join("file"), "mine").unwrap();
+    let output = refine(&place.path().join("file/x.rrd"));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(!result.exists(), "{}", stderr(&output));
+    // Folders that are missing are made.
+    let deep = place.path().join("not/there/x.rrd");
+    let output = refine(&deep);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert!(result.join("report.json").exists() && !result.join("session.rrd").exists());
-    assert!(!nowhere.exists());
+    assert!(is_recording(&deep));
 }
 
 /// A disk on which the recording does not fit, but everything else does.
