@@ -234,7 +234,7 @@ def state(place, name="o"):
     return f"whole, {report['verdict']['trust']}"
 
 
-def after(program, place, command):
+def after(place, command):
     """Wrong states, after a death and after the run that follows it."""
     wrong = []
     seen = state(place)
@@ -249,6 +249,25 @@ def after(program, place, command):
     return seen, wrong
 
 
+def fresh(options, replaces):
+    """A place with the smallest problem, and an old result if one is to be replaced; and the command."""
+    place = Path(tempfile.mkdtemp(prefix="hostile-"))
+    shutil.copytree(TINY, place / "tiny")
+    command = [str(options.program), "refine", "tiny", "--out", "o", "--no-rrd", "-q", "--threads", "1"]
+    if replaces:
+        code, told = run(command, place)
+        assert code == 0, told
+    return place, command
+
+
+def judged(seen, wrong, replaces, seen_all):
+    """What is wrong after a death, and the count of what was found."""
+    if replaces and seen == "absent":
+        wrong.append("neither the old nor the new result")
+    seen_all[seen] = seen_all.get(seen, 0) + 1
+    return wrong
+
+
 def kills(options):
     calls = "mkdir,mkdirat,openat,write,rename,renameat,renameat2,unlink,unlinkat,rmdir,flock"
     failed, tried, seen_all = 0, 0, {}
@@ -256,21 +275,14 @@ def kills(options):
         number = 0
         while True:
             number += 1
-            place = Path(tempfile.mkdtemp(prefix="kills-"))
-            shutil.copytree(TINY, place / "tiny")
-            command = [options.program, "refine", "tiny", "--out", "o", "--no-rrd", "-q", "--threads", "1"]
-            if replaces:
-                assert run(command, place)[0] == 0
+            place, command = fresh(options, replaces)
             code, _ = run(["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={calls}", "-e",
                            f"inject={calls}:signal=SIGKILL:when={number}", *command], place)
             if code == 0:
                 shutil.rmtree(place)
                 break
             tried += 1
-            seen, wrong = after(options.program, place, command)
-            if replaces and seen == "absent":
-                wrong.append("neither the old nor the new result")
-            seen_all[seen] = seen_all.get(seen, 0) + 1
+            wrong = judged(*after(place, command), replaces, seen_all)
             if wrong:
                 failed += 1
                 print(f"killed at call {number}, replaces {replaces}: {wrong}", flush=True)
@@ -283,12 +295,8 @@ def moments(options):
     rng = random.Random(options.seed)
     failed, seen_all = 0, {}
     for number in range(options.count):
-        place = Path(tempfile.mkdtemp(prefix="moments-"))
-        shutil.copytree(TINY, place / "tiny")
-        command = [str(options.program), "refine", "tiny", "--out", "o", "--no-rrd", "-q"]
         replaces = rng.random() < 0.5
-        if replaces:
-            assert run(command, place)[0] == 0
+        place, command = fresh(options, replaces)
         # In a container the program is always process 1.
         wrapped = ["unshare", "-p", "-f", *command] if options.container else command
         child = subprocess.Popen(wrapped, cwd=place, stderr=subprocess.DEVNULL, start_new_session=True)
@@ -296,10 +304,7 @@ def moments(options):
         os.killpg(child.pid, signal.SIGKILL)
         child.wait()
         time.sleep(0.02)
-        seen, wrong = after(options.program, place, command)
-        if replaces and seen == "absent":
-            wrong.append("neither the old nor the new result")
-        seen_all[seen] = seen_all.get(seen, 0) + 1
+        wrong = judged(*after(place, command), replaces, seen_all)
         if wrong:
             failed += 1
             print(number, wrong, flush=True)

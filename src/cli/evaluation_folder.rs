@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::comparison::Compared;
-use super::options::put_in_place;
+use super::options::{not_written, put_in_place, write_files};
 use crate::files::{RESIDUALS, START_RESIDUALS, read_residuals};
 use crate::page::{PageInput, page};
 use crate::problem::Problem;
@@ -34,8 +34,6 @@ pub fn write(
     json: &mut EvaluationReport,
     command: &str,
 ) -> Result<(), Failure> {
-    let target = staged.target().to_owned();
-    let failed = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", target.display()));
     let Evaluated { result_folder, name, problem, compared, warnings } = *evaluated;
     let Compared { tracks, report, inputs, evaluation, .. } = compared;
     let mut findings = Findings::default();
@@ -59,11 +57,8 @@ pub fn write(
     let mut files: Vec<File> = vec![("report.html".to_owned(), page.into_bytes())];
     files.extend(evaluation.shapes.iter().flat_map(distance_clouds));
     files.extend(exports(evaluation));
-    for file in &files {
-        staged.write(file).map_err(|error| failed(&error))?;
-    }
+    write_files(staged, &files)?;
     json.files = staged.files();
-    let json = ("evaluation.json".to_owned(), json.to_json().into_bytes());
-    staged.write(&json).map_err(|error| failed(&error))?;
+    staged.write_known(json.to_json()).map_err(|error| not_written(staged, error))?;
     put_in_place(staged).map(|_| ())
 }

@@ -174,17 +174,28 @@ pub fn take_place(target: &Path, holds: Holds) -> Result<Staged, PlaceError> {
 
 /// Puts a folder in its place.
 pub fn put_in_place(staged: &mut Staged) -> Result<PathBuf, Failure> {
-    let target = staged.target().to_owned();
-    let published =
-        staged.publish().map_err(|error| Failure::Other(format!("{}: {error}", target.display())))?;
+    let published = staged.publish().map_err(|error| not_written(staged, error))?;
     if let Some((left, why)) = &published.not_removed {
-        let left = left.display();
-        tell(format_args!(
-            "warning: {left}: what stood in {} before could not be removed: {why}",
-            target.display()
-        ));
+        let (left, target) = (left.display(), staged.target().display());
+        tell(format_args!("warning: {left}: what stood in {target} before could not be removed: {why}"));
     }
     Ok(published.path)
+}
+
+/// Why a folder could not be written.
+pub fn not_written(staged: &Staged, why: std::io::Error) -> Failure {
+    Failure::Other(format!("{}: {why}", staged.target().display()))
+}
+
+/// Writes files of a folder.
+pub fn write_files(staged: &mut Staged, files: &[File]) -> Result<(), Failure> {
+    files.iter().try_for_each(|file| staged.write(file)).map_err(|error| not_written(staged, error))
+}
+
+/// Writes the report of a folder, with the names of all that is in it.
+fn write_report(staged: &mut Staged, report: &mut Report) -> std::io::Result<()> {
+    report.files = staged.files();
+    staged.write_known(report.to_json())
 }
 
 impl OutputOptions {
@@ -215,13 +226,8 @@ impl OutputOptions {
         report: &mut Report,
     ) -> Result<(), Failure> {
         finite_alone(&mut tables);
-        let target = staged.target().to_owned();
-        let failed = |error: &dyn Display| Failure::Other(format!("{}: {error}", target.display()));
-        for file in &tables {
-            staged.write(file).map_err(|error| failed(&error))?;
-        }
-        report.files = staged.files();
-        staged.write(&(REPORT.to_owned(), report.to_json().into_bytes())).map_err(|error| failed(&error))?;
+        write_files(staged, &tables)?;
+        write_report(staged, report).map_err(|error| not_written(staged, error))?;
         let folder = put_in_place(staged)?;
         interrupts::stands(format!(
             "the adjustment stands in {}, without a diagnosis: do not rely on it",
@@ -239,63 +245,47 @@ impl OutputOptions {
         report: &mut Report,
         draw: impl FnOnce(&Report) -> Scene,
     ) -> Result<Written, Failure> {
-        let target = staged.target().to_owned();
-        let failed = |error: &dyn Display| Failure::Other(format!("{}: {error}", target.display()));
         let not_finite = finite_alone(&mut tables);
         self.warn(&not_finite);
         not_finite.iter().for_each(|warning| report.warn(warning));
         let begin = Instant::now();
-        let scene = if self.shows()? { guarded(|| Ok(draw(report))).map(Some) } else { Ok(None) };
-        for file in &tables {
-            staged.write(file).map_err(|error| failed(&error))?;
-        }
-        // The largest file comes when the others are there, and goes where the disk is too small for both.
         let is_recorded = self.records()? && self.rrd.is_none();
-        let mut recorded = Ok(());
-        let scene = match scene {
-            Ok(Some(scene)) => {
-                if is_recorded {
-                    let file = staged.path(RECORDING);
-                    recorded = guarded(|| {
-                        save(std::slice::from_ref(&scene), Layout::Overview, &file)
-                            .map_err(|error| error.to_string())
-                    });
-                    report.add_seconds("recording", begin.elapsed().as_secs_f64());
-                }
-                Some(scene)
+        let drawn = if self.shows()? { guarded(|| Ok(draw(report))).map(Some) } else { Ok(None) };
+        write_files(staged, &tables)?;
+        // The largest file comes when the others are there, and goes where the disk is too small for both.
+        let recorded = match &drawn {
+            Ok(Some(scene)) if is_recorded => {
+                let recorded = guarded(|| {
+                    let file = staged.path(RECORDING).map_err(|error| error.to_string())?;
+                    save(std::slice::from_ref(scene), Layout::Overview, &file)
+                        .map_err(|error| error.to_string())
+                });
+                report.add_seconds("recording", begin.elapsed().as_secs_f64());
+                recorded
             }
-            Ok(None) => {
-                if !self.no_rrd {
-                    report.warn(&Warning::NoRecorder);
-                }
-                None
+            Ok(None) if !self.no_rrd => {
+                report.warn(&Warning::NoRecorder);
+                Ok(())
             }
-            Err(why) => {
-                recorded = Err(why);
-                None
-            }
+            Ok(_) => Ok(()),
+            Err(why) => Err(why.clone()),
         };
-        let write_report = |staged: &mut Staged, report: &mut Report| {
-            report.files = staged.files();
-            staged.write(&(REPORT.to_owned(), report.to_json().into_bytes()))
+        let recorded = match recorded.map(|()| write_report(staged, report)) {
+            Ok(Err(error)) if !is_recorded => return Err(not_written(staged, error)),
+            Ok(written) => written.map_err(|error| error.to_string()),
+            Err(why) => Err(why),
         };
-        if recorded.is_ok() {
-            recorded = write_report(staged, report).map_err(|error| error.to_string());
-            if is_recorded && recorded.is_err() {
-                staged.take_back(REPORT);
-            } else if let Err(error) = recorded {
-                return Err(failed(&error));
-            }
-        }
         if let Err(why) = recorded {
             // Half of a recording is of no use.
+            staged.take_back(REPORT);
             staged.take_back(RECORDING);
             report.warn(&Warning::NoRecording { why: why.clone() });
             report.fail("recording", format!("{RECORDING}: {why}"));
-            write_report(staged, report).map_err(|error| failed(&error))?;
+            write_report(staged, report).map_err(|error| not_written(staged, error))?;
         }
         let folder = put_in_place(staged)?;
         interrupts::stands(format!("the result in {} is complete", folder.display()));
+        let scene = drawn.unwrap_or(None);
         if let (Some(scene), Some(file)) = (&scene, &self.rrd)
             && let Err(why) = guarded(|| save_whole(std::slice::from_ref(scene), Layout::Overview, file))
         {
@@ -324,7 +314,7 @@ pub fn check_recording_place(file: &Path) -> Result<(), Failure> {
             Err(Failure::Usage(format!("{} exists and is no recording; it is left as it is", file.display())))
         }
         // That one can be made is tried now, not when it is there.
-        _ => whole_file_can_be(file).map_err(Failure::Other),
+        _ => Ok(whole_file_can_be(file)?),
     }
 }
 

@@ -70,7 +70,7 @@ impl Session {
             return if output.json { print(&report.to_json()) } else { Ok(()) };
         }
         let json = report.to_json();
-        let replaced = staged.replace(&("report.json".to_owned(), json.clone().into_bytes()));
+        let replaced = staged.replace_known(json.clone());
         if output.json {
             print(&json)?;
         }

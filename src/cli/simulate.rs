@@ -1,7 +1,7 @@
 //! `trackbundle simulate`.
 
 use super::Failure;
-use super::options::{put_in_place, take_place};
+use super::options::{put_in_place, take_place, write_files};
 use super::output::{counted, print};
 use crate::report::folder::Holds;
 use crate::simulate::{Chance, World, read_scenario, simulated_files};
@@ -49,10 +49,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(unseen) = problem.vehicles.iter().find(|vehicle| vehicle.observations.is_empty()) {
         return Err(Failure::NoSolution(format!("vehicle {} is never in view", unseen.id)));
     }
-    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
-    for file in simulated_files(&world, &video).map_err(refused)? {
-        staged.write(&file).map_err(failed)?;
-    }
+    write_files(&mut staged, &simulated_files(&world, &video).map_err(refused)?)?;
     let folder = put_in_place(&mut staged)?;
     if arguments.quiet {
         return Ok(());

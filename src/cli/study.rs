@@ -2,7 +2,9 @@
 
 use super::Failure;
 use super::interrupts;
-use super::options::{command_told, put_in_place, set_threads, take_place, thread_range};
+use super::options::{
+    command_told, not_written, put_in_place, set_threads, take_place, thread_range, write_files,
+};
 use super::output::{counted, print, steps};
 use super::simulate::invalid;
 use crate::page::study_page;
@@ -104,7 +106,7 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
         command: &command_told(&arguments.study),
         plan: is_plan.then_some((choices.as_slice(), cheapest)),
     };
-    let folder = publish(arguments, study_files(&report, study_page(&report)), kept, staged)?;
+    let folder = publish(&study_files(&report, study_page(&report)), kept, staged)?;
     if !arguments.quiet {
         let mut text = summary(&study, &outcomes);
         if is_plan {
@@ -122,18 +124,10 @@ fn run_either(arguments: &Arguments, is_plan: bool) -> Result<(), Failure> {
 }
 
 /// Puts the files where they were asked for, all at once, and takes away what was kept until then.
-fn publish(
-    arguments: &Arguments,
-    files: Vec<File>,
-    kept: Kept,
-    mut staged: Staged,
-) -> Result<PathBuf, Failure> {
-    let failed = |error: std::io::Error| Failure::Other(format!("{}: {error}", arguments.out.display()));
-    for file in files {
-        staged.write(&file).map_err(failed)?;
-    }
+fn publish(files: &[File], kept: Kept, mut staged: Staged) -> Result<PathBuf, Failure> {
+    write_files(&mut staged, files)?;
     let folder = put_in_place(&mut staged)?;
-    kept.remove().map_err(failed)?;
+    kept.remove().map_err(|error| not_written(&staged, error))?;
     Ok(folder)
 }
 
@@ -150,7 +144,7 @@ fn run_judged(
         run_videos(study, videos, &kept, &*told)?
     };
     let files = video_files(study, videos, &cells, &command_told(&arguments.study));
-    let folder = publish(arguments, files, kept, staged)?;
+    let folder = publish(&files, kept, staged)?;
     if !arguments.quiet {
         print(&format!("{}folder      {}\n", videos_told(study, &cells), folder.display()))?;
     }

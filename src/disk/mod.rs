@@ -13,4 +13,4 @@ mod system;
 pub use inputs::{InputFile, Inputs};
 pub use place::{Place, PlaceFault, Published, abandon_all};
 pub use read::{MOST_BYTES, read, read_text};
-pub use system::{address_space_limit, fits_a_name, largest_cache};
+pub use system::{address_space_limit, largest_cache};

@@ -8,7 +8,7 @@
 //! .trackbundle-x7Kf2q/   locked as long as its process lives
 //!     lock               the name of the place
 //!     new/o              what is being made
-//!     old/o              what stood there, where the system cannot exchange the two in one step
+//! .trackbundle-x7Kf2q.old   what stood there, where it cannot be exchanged in one step
 //! ```
 //!
 //! Such a folder whose lock nobody holds is of a process that died: the next run in the same folder puts back what was
@@ -25,7 +25,7 @@ use tempfile::TempDir;
 const PREFIX: &str = ".trackbundle-";
 const LOCK: &str = "lock";
 const NEW: &str = "new";
-const OLD: &str = "old";
+const OLD: &str = ".old";
 /// The name of a place is at most so long \[byte\].
 const MOST_NAME_BYTES: u64 = 4096;
 
@@ -55,11 +55,10 @@ impl From<io::Error> for PlaceFault {
 #[derive(Debug)]
 pub struct Place {
     target: PathBuf,
-    /// Beside the target; `None` once it is gone.
-    holder: Option<TempDir>,
-    lock: Option<File>,
-    /// Folders that were made so that the target has one to stand in, the innermost first.
-    made: Vec<PathBuf>,
+    /// Beside the target.
+    holder: TempDir,
+    _lock: File,
+    made: Made,
     /// Left-overs of processes that died, which were cleared up.
     pub cleared: Vec<PathBuf>,
 }
@@ -87,9 +86,7 @@ impl Place {
             Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
             _ => PathBuf::from("."),
         };
-        let made = make_folders(&parent)?;
-        in_the_making().extend(made.iter().rev().cloned());
-        let mut place = Place { target: target.clone(), holder: None, lock: None, made, cleared: Vec::new() };
+        let made = Made::folders(&parent)?;
         let of_target = std::fs::symlink_metadata(&target).ok();
         if let Some(of_target) = of_target
             && !system::are_on_one_disk(&of_target, &std::fs::metadata(&parent)?)
@@ -97,18 +94,17 @@ impl Place {
             return Err(io::Error::other("on another disk than the folder that it stands in").into());
         }
         let _alone = system::lock_folder(&parent);
-        place.cleared = clear_up(&parent, name.as_encoded_bytes())?;
+        let cleared = clear_up(&parent, name.as_encoded_bytes())?;
         let mut builder = tempfile::Builder::new();
         builder.prefix(PREFIX);
         system::private(&mut builder);
         let holder = builder.tempdir_in(&parent)?;
         in_the_making().push(holder.path().to_owned());
-        let holder = place.holder.insert(holder);
         let mut lock = OpenOptions::new().write(true).create_new(true).open(holder.path().join(LOCK))?;
         lock.write_all(name.as_encoded_bytes())?;
         // Where there are no locks nothing is cleared up.
         let _ = lock.try_lock();
-        place.lock = Some(lock);
+        let place = Place { target, holder, _lock: lock, made, cleared };
         // A name that is too long is told now.
         std::fs::remove_dir(place.stage_folder()?)?;
         Ok(place)
@@ -117,11 +113,6 @@ impl Place {
     /// The place.
     pub fn target(&self) -> &Path {
         &self.target
-    }
-
-    fn within(&self, what: &str) -> PathBuf {
-        let holder = self.holder.as_ref().map_or(Path::new(""), TempDir::path);
-        holder.join(what).join(self.target.file_name().unwrap_or_default())
     }
 
     /// An empty folder in which a new one is made; what was made and not published is gone.
@@ -133,14 +124,17 @@ impl Place {
 
     /// Where a new file is made; nothing stands there yet.
     pub fn stage_file(&self) -> io::Result<PathBuf> {
-        let stage = self.within(NEW);
-        if let Some(folder) = stage.parent() {
-            if folder.exists() {
-                std::fs::remove_dir_all(folder)?;
-            }
-            std::fs::create_dir(folder)?;
+        let stage = self.stage();
+        let folder = self.holder.path().join(NEW);
+        if folder.exists() {
+            std::fs::remove_dir_all(&folder)?;
         }
+        std::fs::create_dir(folder)?;
         Ok(stage)
+    }
+
+    fn stage(&self) -> PathBuf {
+        self.holder.path().join(NEW).join(self.target.file_name().unwrap_or_default())
     }
 
     /// Puts what was made in its place, in one step where the system can; what stood there goes.
@@ -150,50 +144,85 @@ impl Place {
     /// What the system says; the place is as it was.
     pub fn publish(&mut self) -> io::Result<Published> {
         // An interruption waits for the end of this.
-        let _whole = in_the_making();
-        let (new, target) = (self.within(NEW), &self.target);
-        let before = std::fs::symlink_metadata(target).ok();
+        let mut whole = in_the_making();
+        let (new, target) = (self.stage(), &self.target);
         let mut not_removed = None;
-        match before {
-            Some(before) if before.is_dir() => {
-                let mut gone = new.clone();
-                if !system::exchange(&new, target)? {
-                    gone = self.within(OLD);
-                    gone.parent().map_or(Ok(()), std::fs::create_dir_all)?;
-                    std::fs::rename(target, &gone)?;
-                    if let Err(error) = std::fs::rename(&new, target) {
-                        std::fs::rename(&gone, target)?;
-                        return Err(error);
-                    }
-                }
-                not_removed = std::fs::remove_dir_all(&gone).err().map(|error| (gone, error));
-            }
-            _ => std::fs::rename(&new, target)?,
+        if std::fs::symlink_metadata(target).is_ok_and(|before| before.is_dir()) {
+            let is_exchanged = match system::exchange(&new, target) {
+                // A folder of another user stays among its own.
+                Err(error) if error.kind() == io::ErrorKind::PermissionDenied => false,
+                exchanged => exchanged?,
+            };
+            let gone = if is_exchanged { new } else { self.replace(&new)? };
+            not_removed = std::fs::remove_dir_all(&gone).err().map(|error| (gone, error));
+        } else {
+            std::fs::rename(&new, target)?;
         }
-        self.made.clear();
-        if not_removed.is_some()
-            && let Some(holder) = self.holder.take()
-        {
-            // It is told, and stays; nothing more can be made here.
-            let _ = holder.keep();
-        }
+        self.made.stay(&mut whole);
         Ok(Published { path: self.target.clone(), not_removed })
+    }
+
+    /// Puts a folder in its place in two steps; returns where what stood there is now.
+    fn replace(&self, new: &Path) -> io::Result<PathBuf> {
+        let aside = aside(self.holder.path());
+        std::fs::rename(&self.target, &aside)?;
+        if let Err(error) = std::fs::rename(new, &self.target) {
+            std::fs::rename(&aside, &self.target)?;
+            return Err(error);
+        }
+        Ok(aside)
     }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
         let mut in_the_making = in_the_making();
-        if let Some(holder) = self.holder.take() {
-            in_the_making.retain(|kept| kept != holder.path());
-            // Nothing is left to do about a failure here.
-            let _ = holder.close();
-        }
-        for folder in self.made.drain(..) {
-            in_the_making.retain(|kept| *kept != folder);
-            // It goes unless something stands in it.
-            let _ = std::fs::remove_dir(folder);
-        }
+        in_the_making.retain(|kept| kept != self.holder.path());
+        // Nothing is left to do about a failure here. (The folders that were made for it go after it.)
+        let _ = std::fs::remove_dir_all(self.holder.path());
+    }
+}
+
+/// Where what stood in a place is put, beside a holder.
+fn aside(holder: &Path) -> PathBuf {
+    let mut name = holder.as_os_str().to_owned();
+    name.push(OLD);
+    PathBuf::from(name)
+}
+
+/// Folders that were made so that a place has one to stand in, the innermost first. Dropped, they go.
+#[derive(Debug)]
+struct Made(Vec<PathBuf>);
+
+impl Made {
+    /// Makes the folders of a path that are missing.
+    fn folders(path: &Path) -> io::Result<Made> {
+        let missing: Vec<PathBuf> = path
+            .ancestors()
+            .filter(|folder| !folder.as_os_str().is_empty())
+            .take_while(|folder| std::fs::symlink_metadata(folder).is_err())
+            .map(Path::to_owned)
+            .collect();
+        // If not all can be made, those that were go again.
+        in_the_making().extend(missing.iter().rev().cloned());
+        let made = Made(missing);
+        std::fs::create_dir_all(path)?;
+        Ok(made)
+    }
+
+    /// Something stands in them now.
+    fn stay(&mut self, in_the_making: &mut Vec<PathBuf>) {
+        in_the_making.retain(|kept| !self.0.contains(kept));
+        self.0.clear();
+    }
+}
+
+impl Drop for Made {
+    fn drop(&mut self) {
+        let mut in_the_making = in_the_making();
+        in_the_making.retain(|kept| !self.0.contains(kept));
+        // One goes unless something stands in it.
+        self.0.iter().for_each(|folder| drop(std::fs::remove_dir(folder)));
     }
 }
 
@@ -213,18 +242,6 @@ pub fn abandon_all() {
             let _ = std::fs::remove_dir(folder);
         }
     }
-}
-
-/// Makes the folders of a path that are missing; returns them, the innermost first.
-fn make_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
-    let missing: Vec<PathBuf> = path
-        .ancestors()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .take_while(|folder| std::fs::symlink_metadata(folder).is_err())
-        .map(Path::to_owned)
-        .collect();
-    std::fs::create_dir_all(path)?;
-    Ok(missing)
 }
 
 /// Clears up what dead processes left in a folder, and tells what. It is an error where a living one is at `name`.
@@ -269,16 +286,17 @@ fn open_lock(holder: &Path) -> Option<File> {
     about.is_file().then(|| File::open(path).ok())?
 }
 
-/// Puts back what a process had moved away when it died, unless something stands there.
+/// Puts back what a process had moved away when it died with nothing in its place; else that goes.
 fn put_back(parent: &Path, holder: &Path) {
-    let Ok(entries) = std::fs::read_dir(holder.join(OLD)) else { return };
-    for entry in entries.flatten() {
-        let place = parent.join(entry.file_name());
-        if std::fs::symlink_metadata(&place).is_err() {
-            // Nothing is left to do about a failure here: it stays where it is.
-            let _ = std::fs::rename(entry.path(), place);
-        }
-    }
+    let aside = aside(holder);
+    // What was to stand there stands here still.
+    let staged = std::fs::read_dir(holder.join(NEW)).ok().and_then(|mut entries| entries.next()?.ok());
+    let target = staged.map(|entry| parent.join(entry.file_name()));
+    // Nothing is left to do about a failure here: it stays where it is.
+    let _ = match target.filter(|target| std::fs::symlink_metadata(target).is_err()) {
+        Some(target) => std::fs::rename(aside, target),
+        None => std::fs::remove_dir_all(aside),
+    };
 }
 
 #[cfg(test)]
@@ -315,6 +333,23 @@ mod tests {
             drop(place);
             assert_eq!(names(target.parent().unwrap()), ["o"]);
         }
+    }
+
+    #[test]
+    fn where_two_cannot_be_exchanged_the_old_one_goes_aside() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("o");
+        std::fs::create_dir(&target).unwrap();
+        std::fs::write(target.join("a"), "old").unwrap();
+        let place = Place::take(&target).unwrap();
+        // Nothing is made yet: the old one comes back.
+        assert!(place.replace(&place.stage()).is_err());
+        assert_eq!(std::fs::read_to_string(target.join("a")).unwrap(), "old");
+        fill(&place, "new");
+        let aside = place.replace(&place.stage()).unwrap();
+        assert_eq!(std::fs::read_to_string(target.join("a")).unwrap(), "new");
+        assert_eq!(std::fs::read_to_string(aside.join("a")).unwrap(), "old");
+        assert_eq!(aside.parent(), target.parent());
     }
 
     #[test]
@@ -356,8 +391,9 @@ mod tests {
     fn left_overs_of_the_dead_are_cleared_up_and_what_they_took_away_is_put_back() {
         let folder = tempfile::tempdir().unwrap();
         let holder = folder.path().join(".trackbundle-dead");
-        std::fs::create_dir_all(holder.join("old/o")).unwrap();
-        std::fs::write(holder.join("old/o/a"), "old").unwrap();
+        let aside = folder.path().join(".trackbundle-dead.old");
+        std::fs::create_dir(&aside).unwrap();
+        std::fs::write(aside.join("a"), "old").unwrap();
         std::fs::create_dir_all(holder.join("new/o")).unwrap();
         std::fs::write(holder.join("lock"), "o").unwrap();
         let just_begun = folder.path().join(".trackbundle-begun");
@@ -375,7 +411,9 @@ mod tests {
     fn what_stands_there_is_not_replaced_by_what_died() {
         let folder = tempfile::tempdir().unwrap();
         let holder = folder.path().join(".trackbundle-dead");
-        std::fs::create_dir_all(holder.join("old/o")).unwrap();
+        std::fs::create_dir_all(holder.join("new")).unwrap();
+        std::fs::create_dir(folder.path().join(".trackbundle-dead.old")).unwrap();
+        std::fs::write(folder.path().join(".trackbundle-dead.old/a"), "old").unwrap();
         std::fs::write(holder.join("lock"), "o").unwrap();
         std::fs::create_dir(folder.path().join("o")).unwrap();
         std::fs::write(folder.path().join("o/a"), "new").unwrap();
@@ -399,7 +437,7 @@ mod tests {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let place = Place::take(&folder.path().join("o")).unwrap();
-        let holder = std::fs::metadata(place.holder.as_ref().unwrap().path()).unwrap();
+        let holder = std::fs::metadata(place.holder.path()).unwrap();
         assert_eq!(holder.permissions().mode() & 0o777, 0o700);
     }
 }

@@ -4,14 +4,6 @@ use std::fs::{File, Metadata};
 use std::io;
 use std::path::Path;
 
-/// The longest name of a file that every usual system takes \[byte\].
-const LONGEST_NAME: usize = 255;
-
-/// Whether a name is short enough to be one of a file.
-pub fn fits_a_name(name: &str) -> bool {
-    name.len() <= LONGEST_NAME
-}
-
 /// What something is that is neither a file nor a folder.
 #[cfg(unix)]
 pub fn kind_of(about: &Metadata) -> &'static str {

@@ -55,7 +55,8 @@ pub const PROGRAM: &str = "trackbundle";
 pub struct Staged {
     place: Place,
     holds: Holds,
-    stage: PathBuf,
+    /// Where it is made, once something is in it.
+    stage: Option<PathBuf>,
     /// The names of its files.
     files: BTreeSet<String>,
 }
@@ -144,13 +145,7 @@ impl Staged {
     /// Takes the place, and begins a folder for it.
     pub fn begin(target: &Path, holds: Holds) -> Result<Self, PlaceError> {
         check_place(target, holds)?;
-        let at = |fault| match fault {
-            PlaceFault::Busy => PlaceError::Busy(target.to_owned()),
-            PlaceFault::Io(source) => PlaceError::Io { path: target.to_owned(), source },
-        };
-        let place = Place::take(target).map_err(at)?;
-        let stage = place.stage_folder().map_err(|source| at(source.into()))?;
-        Ok(Staged { place, holds, stage, files: BTreeSet::new() })
+        Ok(Staged { place: take(target)?, holds, stage: None, files: BTreeSet::new() })
     }
 
     /// Where it will stand.
@@ -164,16 +159,25 @@ impl Staged {
     }
 
     /// Where a file of the folder is made by others.
-    pub fn path(&mut self, name: &str) -> PathBuf {
+    pub fn path(&mut self, name: &str) -> io::Result<PathBuf> {
+        let stage = match self.stage.take() {
+            Some(stage) => stage,
+            None => self.place.stage_folder()?,
+        };
+        let path = stage.join(name);
+        self.stage = Some(stage);
         self.files.insert(name.to_owned());
-        self.stage.join(name)
+        Ok(path)
     }
 
     /// Takes a file away again.
     pub fn take_back(&mut self, name: &str) {
-        self.files.remove(name);
-        // Nothing is left to do about a failure here.
-        let _ = std::fs::remove_file(self.stage.join(name));
+        if self.files.remove(name)
+            && let Some(stage) = &self.stage
+        {
+            // Nothing is left to do about a failure here.
+            let _ = std::fs::remove_file(stage.join(name));
+        }
     }
 
     /// The names of its files so far, with that by which it is known: what the folder lists of itself.
@@ -184,7 +188,7 @@ impl Staged {
 
     /// Writes a file of the folder, which may be in a folder of it.
     pub fn write(&mut self, (name, bytes): &File) -> io::Result<()> {
-        let path = self.path(name);
+        let path = self.path(name)?;
         if let Some(parent) = path.parent() {
             std::fs::create_dir_all(parent)?;
         }
@@ -192,34 +196,38 @@ impl Staged {
         file.write_all(bytes)
     }
 
-    /// Puts everything in its place; a result that stood there is replaced. After that a new folder is begun for the
-    /// same place.
+    /// Puts everything in its place; a result that stood there is replaced. What is written after that is of a new
+    /// folder for the same place.
     pub fn publish(&mut self) -> io::Result<Published> {
         let published = self.place.publish()?;
         self.files.clear();
-        if published.not_removed.is_none() {
-            self.stage = self.place.stage_folder()?;
-        }
+        self.stage = None;
         Ok(published)
     }
 
-    /// Replaces one file of what was published.
-    pub fn replace(&mut self, (name, bytes): &File) -> io::Result<()> {
-        self.write(&(name.clone(), bytes.clone()))?;
-        std::fs::rename(self.stage.join(name), self.place.target().join(name))
+    /// Writes the file by which the folder is known.
+    pub fn write_known(&mut self, text: String) -> io::Result<()> {
+        self.write(&(self.holds.known_by().to_owned(), text.into_bytes()))
+    }
+
+    /// Replaces the file by which it is known in what was published.
+    pub fn replace_known(&mut self, text: String) -> io::Result<()> {
+        self.write_known(text)?;
+        let name = self.holds.known_by();
+        std::fs::rename(self.path(name)?, self.place.target().join(name))
     }
 }
 
-/// Whether a single file can be made at this place.
-pub fn whole_file_can_be(target: &Path) -> Result<(), String> {
-    place_of_file(target).map(|_| ())
+fn take(target: &Path) -> Result<Place, PlaceError> {
+    Place::take(target).map_err(|fault| match fault {
+        PlaceFault::Busy => PlaceError::Busy(target.to_owned()),
+        PlaceFault::Io(source) => PlaceError::Io { path: target.to_owned(), source },
+    })
 }
 
-fn place_of_file(target: &Path) -> Result<Place, String> {
-    Place::take(target).map_err(|fault| match fault {
-        PlaceFault::Busy => PlaceError::Busy(target.to_owned()).to_string(),
-        PlaceFault::Io(error) => format!("{}: {error}", target.display()),
-    })
+/// Whether a single file can be made at this place.
+pub fn whole_file_can_be(target: &Path) -> Result<(), PlaceError> {
+    take(target).map(|_| ())
 }
 
 /// Makes a single file with `write`: it appears whole or not at all. The error is told with what it is about.
@@ -228,7 +236,7 @@ pub fn whole_file<E: std::fmt::Display>(
     write: impl FnOnce(&Path) -> Result<(), E>,
 ) -> Result<(), String> {
     let told = |error: &dyn std::fmt::Display| format!("{}: {error}", target.display());
-    let mut place = place_of_file(target)?;
+    let mut place = take(target).map_err(|error| error.to_string())?;
     let stage = place.stage_file().map_err(|error| told(&error))?;
     write(&stage).map_err(|error| told(&error))?;
     place.publish().map(|_| ()).map_err(|error| told(&error))
@@ -271,7 +279,7 @@ mod tests {
             // Once more from the same place: what is in the making is empty again.
             assert_eq!(staged.files(), ["report.json"]);
             staged
-                .replace(&("report.json".to_owned(), of("trackbundle", &[&format!("shape_{text}.ply")])))
+                .replace_known(String::from_utf8(of("trackbundle", &[&format!("shape_{text}.ply")])).unwrap())
                 .unwrap();
             drop(staged);
             assert_eq!(names(target.parent().unwrap()), ["result"]);
